@@ -91,6 +91,7 @@ def test_a_nominal_scale_that_is_far_off_is_no_harm(random):
         np.testing.assert_allclose(found.after.angles, 0.0, atol=0.2 * DEGREE)
 
 
+@pytest.mark.slow
 def test_several_recordings_each_with_its_own_bias(random):
     faults, first = laid_down(
         random, [about('x', turned) for turned in (0, 90, 175, 260)], rate=50.0

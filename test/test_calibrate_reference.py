@@ -248,6 +248,7 @@ def stamped(kind, place, stamp, quaternion):
     return serialize(message_type(kind)(*parts), kind)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'kind',
     [

@@ -60,6 +60,7 @@ def bag(tmp_path):
     return made
 
 
+@pytest.mark.slow
 def test_the_same_is_the_same(bag):
     assert compare_bags(bag(), bag()) == ([], 0.0)
     assert compare_bags(bag(rate=np.nan), bag(rate=np.nan), 1e-12) == ([], 0.0)

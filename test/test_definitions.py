@@ -289,6 +289,7 @@ def test_a_hash_that_is_null_is_not_known(tmp_path):
     assert len(read_imu_arrays(source).stamps) == len(imu)
 
 
+@pytest.mark.slow
 def test_bags_of_sqlite_are_opened_by_several_threads(tmp_path):
     source = of_sqlite(tmp_path, simulated(9))
     with ThreadPoolExecutor(4) as threads:

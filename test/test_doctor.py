@@ -178,6 +178,7 @@ def test_degrees_are_found_though_no_rate_is_beyond_what_gyroscopes_measure(foun
     assert faults(found(rates_of(simulation, degrees))) == {'degrees'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('factor', 'unit', 'divisor'),
     [
@@ -272,6 +273,7 @@ def test_milliseconds_of_jitter_are_no_gaps(found, random):
     assert jitter.values['jitter_seconds'] == pytest.approx(3e-3, rel=0.1)
 
 
+@pytest.mark.slow
 def test_stamps_of_arrival(found, random):
     simulation = handled()
     late = (2e6 * random.exponential(1.0, len(simulation.stamps))).astype(np.int64)
@@ -328,6 +330,7 @@ def test_many_samples_are_looked_at_in_parts_of_a_few_megabytes(look, random):
     assert peak < 60e6
 
 
+@pytest.mark.slow
 def test_a_driver_that_polls_repeats_samples(found):
     simulation = handled()
     index = np.arange(len(simulation.stamps))
@@ -453,6 +456,7 @@ def test_one_missing_sample_is_no_fault_and_told_as_one(found):
     assert ' 1 gap, 1 sample missing, 0 stamps backward' in stamps.text
 
 
+@pytest.mark.slow
 def test_a_pause_is_no_wrong_rate(found):
     """A recording that was stopped for half a minute, and went on."""
     simulation = handled()
@@ -655,6 +659,7 @@ def test_rates_at_the_end_of_the_range(found, is_damaged):
     assert faults(found(rates_of(simulation, rates))) == {'clipped'}
 
 
+@pytest.mark.slow
 def test_rates_at_the_end_of_the_range_that_the_driver_has_calibrated(found):
     simulation = handled()
     rates = np.clip(simulation.angular_velocity, -2.1, 2.1)
@@ -780,6 +785,7 @@ def test_an_accelerometer_in_another_unit_is_one_fault(found, factor):
     assert not {'no gravity', 'beyond gravity'} & faults(findings)
 
 
+@pytest.mark.slow
 def test_gravity_that_was_taken_off(found):
     simulation = handled()
     random = np.random.default_rng(1)
@@ -964,6 +970,7 @@ def test_stamps_that_tell_no_time_are_the_only_fault_and_the_log_times_tell_the_
     assert 'so that samples are counted at' in summary.status[0].message
 
 
+@pytest.mark.slow
 def test_no_rest(found):
     simulation = handled(rest_seconds=0.0, motions=1, motion_seconds=40.0)
     assert 'rests' in faults(found(simulation))

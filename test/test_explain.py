@@ -445,6 +445,7 @@ def test_each_sample_is_told_once(bag, tmp_path):
     assert explained(bag, tmp_path)['unflagged'] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('piece', [1, 7, 10_000])
 def test_unflagged_samples_are_counted_within_the_times_asked_for(piece, random):
     rates, forces = at_rest(random, 12)

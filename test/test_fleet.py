@@ -80,6 +80,7 @@ def measured(small, client, tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_replay_and_doctor(small, tmp_path):
     bag = small / 'robot_00' / 'day_01'
     (found,) = find_bags([str(bag)], None)
@@ -203,6 +204,7 @@ def test_interrupted_at_random_and_resumed(small, measured, client, tmp_path):
     assert (out / 'fleet.parquet').read_bytes() == (measured / 'fleet.parquet').read_bytes()
 
 
+@pytest.mark.slow
 def test_what_was_measured_is_known_by_its_content(small, measured, client, tmp_path):
     """Bags that were moved are known; one that has changed under its old name is not."""
     shutil.copytree(measured, tmp_path / 'out')
@@ -217,6 +219,7 @@ def test_what_was_measured_is_known_by_its_content(small, measured, client, tmp_
     assert (run.reused, run.measured) == (7, 1)
 
 
+@pytest.mark.slow
 def test_what_is_not_kept_is_not_counted_as_kept(small, client, tmp_path):
     """An interrupted run told of bags that it had kept and measured them all again."""
     (tmp_path / 'file').touch()
@@ -225,6 +228,7 @@ def test_what_is_not_kept_is_not_counted_as_kept(small, client, tmp_path):
     assert run.kept == len(list((tmp_path / 'out' / 'results').glob('*/*/*.json'))) < 8
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_bags_are_hashed_does_not_tell_that_none_is_kept(
     small, measured, tmp_path, monkeypatch, capsys
 ):
@@ -655,6 +659,7 @@ def test_a_copy_of_a_bag_is_not_counted(random, content):
     assert [s.robot for s in judged(rows_with_an_odd_end(random, last=2)) if s.size] == ['3']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('content', ['0/9', 'of its replay'])
 def test_a_bag_that_two_robots_have_is_told(random, content):
     """It counts for both, as nothing tells whose it is: a partial backup must take no history."""

@@ -100,6 +100,7 @@ def test_the_page_and_the_figures(fleet, tmp_path, capsys):
     assert "default-src 'none'" in text
 
 
+@pytest.mark.slow
 def test_a_fleet_that_is_too_young_is_not_called_well(tmp_path, capsys):
     """A change takes four bags of a sensor to be seen."""
     some = 'No sensor gets worse; 1 of 2 can not be judged yet: that takes 4 bags.'

@@ -685,6 +685,7 @@ def test_a_warning_of_lost_messages_stays_until_there_are_none(random):
     assert warned == 20 * [False] + 20 * [True] + 20 * [False]
 
 
+@pytest.mark.slow
 def test_stamps_of_arrival_are_sound(random):
     """200 Hz, late by 1.5 ms on the mean: both rates are right, and nothing is lost."""
     stamps = 10**18 + np.arange(6000) * 5_000_000 + random.exponential(1.5e6, 6000).astype(int)
@@ -837,6 +838,7 @@ def test_stamps_that_stand_or_are_in_another_unit(random):
         assert last_text(lambda stamp, step=step: stamp // step * step) == 'receiving'
 
 
+@pytest.mark.slow
 def test_a_dead_band_and_coarse_steps_are_no_fault(random):
     """Zeros at rest are noise that is not there; a flat top of a turn is not the range's end."""
     step = np.radians(0.061)

@@ -168,6 +168,7 @@ def test_a_million_samples_take_little_memory(random):
     assert peak < 200e6
 
 
+@pytest.mark.slow
 def test_a_real_sensor(real):
     _, rates, _ = real('static_adis16405')
     for axis in range(3):

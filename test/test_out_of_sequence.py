@@ -147,6 +147,7 @@ def test_swapped_messages_cost_nothing(rate, share, jitter, lost, random):
     assert filter_.state['clock']['mean_period'] * rate == pytest.approx(1.0, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [100.0, 200.0, 400.0])
 def test_stamps_that_scatter_do_not_order_messages(rate, random):
     """They are off by a part of a period each, and go backward; messages come in order."""

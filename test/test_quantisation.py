@@ -100,6 +100,7 @@ def test_half_a_count_less_turns_the_heading():
     assert errors['truncate'] < 0.6 * errors['none']
 
 
+@pytest.mark.slow
 def test_only_auto_and_truncate_change_anything():
     given = recording(60.0, 3, 'trunc')[:3]
     runs = {
@@ -111,6 +112,7 @@ def test_only_auto_and_truncate_change_anything():
     assert moved.max() > 0.1 * COUNT
 
 
+@pytest.mark.slow
 def test_what_is_undone_is_the_middle_of_a_count():
     """Passed through as it is, in fast motion: half a count further from zero, zero itself not."""
     given = recording(120.0, 4, 'trunc')

@@ -127,6 +127,7 @@ def test_batches_of_many_messages(tmp_path, monkeypatch):
     check_same(by_both(source, tmp_path, monkeypatch))
 
 
+@pytest.mark.slow
 def test_messages_that_are_seconds_apart(tmp_path, monkeypatch, random):
     """A report for nearly each message; not many are kept at a time."""
     write, most = Output.write, []

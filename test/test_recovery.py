@@ -97,6 +97,7 @@ def test_the_last_message_of_an_open_chunk(tmp_path):
                 copy.unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('form', ['plain', 'zstd', 'lz4'])
 def test_a_cut_in_the_head_of_a_chunk(form, tmp_path, random):
     """Whatever is there of its fields, all chunks before are read."""

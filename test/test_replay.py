@@ -327,6 +327,7 @@ def test_the_summary_tells_of_the_whole_bag(tmp_path):
     assert 'the driver may publish degrees' in status.message
 
 
+@pytest.mark.slow
 def test_an_imu_that_comes_late_or_ends_early_loses_no_messages(tmp_path, random):
     """The other topics go on: no warning of a rate that is off."""
     stamps = 10**18 + 10**7 * np.arange(800)

@@ -167,6 +167,7 @@ def test_a_replayed_bag_is_told_to_be_the_same_or_another_one(source, tmp_path):
     assert 'filtered, as recorded' in other.text
 
 
+@pytest.mark.slow
 def test_methods_and_bags_are_compared(source, tmp_path):
     other = shutil.copytree(source, tmp_path / source.name)
     text, verdicts = report(source, tmp_path, '--methods', 'kalman', 'adaptive', others=[other])
@@ -292,6 +293,7 @@ def test_time_that_stamps_tell_late_counts_once(places):
     assert (np.cumsum(steps) < 0.01 * np.arange(3000) + 0.2).all()
 
 
+@pytest.mark.slow
 def test_a_recording_without_rest_or_with_a_dead_axis_has_a_page(tmp_path):
     seconds = np.arange(900) / 100
     rates = np.column_stack([np.sin(3 * seconds), np.cos(2 * seconds), 0 * seconds + 0.5])

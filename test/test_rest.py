@@ -592,6 +592,7 @@ def test_what_has_turned_unmeasured_is_at_rest_as_soon_as_ever(lost, random):
     assert results['at_rest'][-2000:].mean() > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'seed',
     [

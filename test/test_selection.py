@@ -91,6 +91,7 @@ def two(tmp_path):
     return write(tmp_path / 'two', topics), {name: rows for (name, _), rows in topics.items()}
 
 
+@pytest.mark.slow
 def test_several_topics_have_a_filter_each(two, tmp_path):
     """What each writes is what it writes alone."""
     source, topics = two
@@ -238,6 +239,7 @@ def test_the_files_of_a_folder_are_read_in_the_order_of_time(tmp_path):
         assert [time for _, time, _ in messages(bag)] == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('first', [0, 1])
 def test_publishers_of_one_topic_that_do_not_agree_on_its_type(first, tmp_path):
     """The messages of the type that is meant are taken, whichever was recorded first."""

@@ -99,6 +99,7 @@ def heading_drift(data):
     return about / seconds.sum()
 
 
+@pytest.mark.slow
 def test_a_gap_without_messages_is_no_time_with_an_uncertain_bias(tmp_path, random):
     """What the bias may have become in ten minutes turned nothing that was recorded."""
     rates, accelerations = at_rest(random, 60, (0.0, 0.0, 3.0 * DEGREE))
@@ -524,6 +525,7 @@ def test_a_rate_beyond_the_largest_bias_is_no_lack_of_stillness(tmp_path, random
     assert 'stood still' not in text
 
 
+@pytest.mark.slow
 def test_a_bias_that_moved_is_said_to_be_that_of_the_end(tmp_path, random):
     """It was told as that of the recording; one that stands is."""
     rates, accelerations = at_rest(random, 90)
@@ -672,6 +674,7 @@ def test_a_bias_beyond_its_limit_is_told_with_what_the_rests_show(times, tmp_pat
     assert [finding.name for finding in verdict.findings] == ['beyond bias.max']
 
 
+@pytest.mark.slow
 def test_a_filter_that_lags_is_told_to_do_harm(tmp_path, random):
     rest, (turn, push) = at_rest(random, 30), by_hand(random, 25)
     rates, accelerations = rest[0], rest[1]
@@ -723,6 +726,7 @@ def test_many_spikes_are_no_motion_that_is_held_back(length, tmp_path, random):
     assert verdict.held_back < 0.01
 
 
+@pytest.mark.slow
 def test_motion_that_is_held_back_is_counted_alike_however_it_is_cut_up(random):
     filter_ = Filter(Parameters(method='kalman'))
     rates, accelerations = at_rest(random, 40)
@@ -740,6 +744,7 @@ def test_motion_that_is_held_back_is_counted_alike_however_it_is_cut_up(random):
     assert all(count == counts[0] for count in counts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate', [50, 100])
 def test_fast_motion_of_a_quiet_sensor_is_no_lag(rate, tmp_path, random):
     """Its innovations are many times what is expected, and `adaptive` follows all the same."""
@@ -868,6 +873,7 @@ def test_what_is_unsound_is_told_with_what_to_do(tmp_path, random):
     assert 'a slow disk' in as_text(verdict)
 
 
+@pytest.mark.slow
 def test_a_bias_that_was_kept_is_not_called_found(tmp_path, random):
     memory, rates = tmp_path / 'bias.yaml', at_rest(random, 10, (0.0, 0.0, 0.05))
     judged(bag(tmp_path / 'first', *rates), tmp_path, memory=memory)

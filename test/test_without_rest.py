@@ -214,6 +214,7 @@ def test_a_large_bias_is_no_contradiction():
     assert np.linalg.norm(across, axis=1).mean() < 0.5 * DEGREE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [1, 9, 25])
 def test_an_accelerometer_with_other_axes_shows_no_bias(seed):
     """It had a drone find 6.5 deg/s where there is none."""
@@ -525,6 +526,7 @@ def test_what_motion_has_shown_is_kept_where_a_parameter_changes(walk):
     np.testing.assert_allclose(results['bias'][0], before, atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seconds', [24.0, 120.0])
 def test_another_sensor_has_another_bias(seconds):
     """Before and after motion has shown the first one's: what was learned of it is doubted."""
