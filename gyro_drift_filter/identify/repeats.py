@@ -15,9 +15,11 @@
 """Samples that a driver sends twice: all six values are those of the sample before."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gyro_drift_filter.identify.series import LARGEST_PART, Floats, Values, stacked
 
@@ -58,29 +60,37 @@ class Repeats:
 
 def count_repeats(rates: tuple[Values, ...], accelerations: tuple[Values, ...]) -> Repeats:
     """Count the repeated samples of rates and accelerations, three columns (n,) each."""
-    n, repeated, runs, chance = len(rates[0]), 0, 0, 0
-    for first in range(0, n, _TOGETHER):
-        ahead = min(first, 2)
-        part = slice(first - ahead, first + _TOGETHER)
-        values = np.nan_to_num(stacked((*rates, *accelerations), part))
+    repeated = runs = chance = 0
+    for ahead, values in _parts((*rates, *accelerations), 2):
         same, before, between = np.zeros((3, len(values)), np.bool_)
-        same[1:] = (values[1:] == values[:-1]).all(axis=1)
+        same[1:] = _are_equal(values, 1)
         before[1:] = same[:-1]
-        between[2:] = (values[2:] == values[:-2]).all(axis=1)
+        between[2:] = _are_equal(values, 2)
         repeated += int(same[ahead:].sum())
         runs += int((same & ~before)[ahead:].sum())
         chance += int((between & ~same & ~before)[ahead:].sum())
-    return Repeats(n, repeated, runs, chance)
+    return Repeats(len(rates[0]), repeated, runs, chance)
 
 
 def without_repeats(stamps: Values, values: tuple[Values, ...]) -> Floats:
     """Return the stamps (m,) of samples (n,) that have other values than the one before."""
-    kept = [stamps[:0]]
-    for first in range(0, len(stamps), _TOGETHER):
-        ahead = min(first, 1)
-        part = slice(first - ahead, first + _TOGETHER)
-        rows = np.nan_to_num(stacked(values, part))
-        other = np.ones(len(rows), np.bool_)
-        other[1:] = (rows[1:] != rows[:-1]).any(axis=1)
-        kept.append(stamps[part][ahead:][other[ahead:]])
-    return np.concatenate(kept)
+    others = [np.zeros(0, np.bool_)]
+    for ahead, rows in _parts(values, 1):
+        first = np.ones(1 - ahead, np.bool_)
+        others.append(np.concatenate([first, ~_are_equal(rows, 1)]))
+    return np.asarray(stamps[:][np.concatenate(others)])
+
+
+def _parts(columns: Sequence[Values], before: int) -> Iterator[tuple[int, Floats]]:
+    """Yield samples (m, number of columns) part by part.
+
+    Those of the part before, up to so many of its last ones, go ahead: how many is yielded, too.
+    """
+    for first in range(0, len(columns[0]), _TOGETHER):
+        ahead = min(first, before)
+        yield ahead, np.nan_to_num(stacked(columns, slice(first - ahead, first + _TOGETHER)))
+
+
+def _are_equal(rows: Floats, apart: int) -> NDArray[np.bool_]:
+    """Tell for rows (m, c), but the first `apart` ones, if they equal those so many before them."""
+    return np.asarray((rows[apart:] == rows[:-apart]).all(axis=1))
