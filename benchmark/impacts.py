@@ -27,6 +27,7 @@ FOLDER holds a `.npz` for each recording, with `stamps` (n,) in ns, `rates` (n, 
 
 import argparse
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -54,20 +55,15 @@ LONGEST_STEP = 3.0  # median steps of the stamps: what lasts longer is a gap, in
 
 def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array, Array]]:
     """Yield a name, stamps, rates and accelerations of each."""
-    for rate in SAMPLE_RATES:
-        for shake in SHAKES:
-            name = f'foot, {rate:g} Hz, {shake:g} m/s^2'
-            rates, accelerations = foot(np.random.default_rng(0), rate, shake)
-            yield name, stamps(len(rates), rate), rates, accelerations
-    for rate in SAMPLE_RATES:
-        for shake in SHAKES:
-            name = f'stopped, {rate:g} Hz, {shake:g} m/s^2'
-            rates, accelerations = stopped(np.random.default_rng(0), rate, shake)
-            yield name, stamps(len(rates), rate), rates, accelerations
-    for rate in SAMPLE_RATES:
-        for lever in LEVERS:
-            name = f'spun up, {rate:g} Hz, {100.0 * lever:g} cm'
-            rates, accelerations = spun_up(np.random.default_rng(0), rate, lever)
+    bodies = (
+        ('foot', foot, SHAKES, 'm/s^2', 1.0),
+        ('stopped', stopped, SHAKES, 'm/s^2', 1.0),
+        ('spun up', spun_up, LEVERS, 'cm', 100.0),
+    )
+    for body, move, sizes, unit, scale in bodies:
+        for rate, size in product(SAMPLE_RATES, sizes):
+            name = f'{body}, {rate:g} Hz, {scale * size:g} {unit}'
+            rates, accelerations = move(np.random.default_rng(0), rate, size)
             yield name, stamps(len(rates), rate), rates, accelerations
     for path in sorted(folder.glob('*.npz')) if folder else []:
         with np.load(path, allow_pickle=False) as data:
