@@ -184,7 +184,7 @@ def test_a_foot_that_strikes_the_ground_is_followed(rate, largest, shake, random
 # A sample turns it by 10 deg at 100 Hz; eight of them, which is the longest hold, by 73 deg.
 @pytest.mark.parametrize(('rate', 'largest'), [(100, 20), (200, 10), (400, 14)])
 def test_a_body_that_is_stopped_and_rings_is_followed(rate, largest, random):
-    """Its rates are like no steps, and stay at none."""
+    """Its rates change by no like steps, and never stay the same."""
     rates, accelerations = stopped(random, rate, 20.0)
     results = Filter().run(stamps(len(rates), rate), rates, accelerations)
     lost = np.cumsum(results['angular_velocity'] + results['bias'] - rates, axis=0) / rate

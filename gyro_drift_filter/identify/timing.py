@@ -91,14 +91,14 @@ class Timing:
         return out
 
     def seconds_of(self, stamps: Integers | Values, first: int, stop: int) -> float:
-        """Return for how many s samples last, up to before `stop`, by stamps (n,) in ns."""
+        """Return how long samples from `first` to before `stop` last in s, by stamps (n,) in ns."""
         if stop <= first:
             return 0.0
         between = self.seconds_at(stamps, stop - 1) - self.seconds_at(stamps, first)
         return between + self.period
 
     def rate_changes(self, stamps: Integers | Values) -> str:
-        """Return in words how the sensor changed its rate, if it did, by stamps (n,) in ns."""
+        """Return in words how the rate changed by stamps (n,) in ns; empty where it did not."""
         if not self.stretches:
             return ''
         before, behind, *more = self.stretches

@@ -107,7 +107,7 @@ def cut(parts: Sequence[tuple[int, int]], size: int) -> Windows:
 
 
 def rows_of(values: Values, windows: Windows, group: slice) -> Floats:
-    """Return the finite samples of a group of w windows, filled up with NaN: (w, windows.size)."""
+    """Return the finite samples of w windows, filled up with NaN: (w, those of the longest)."""
     return _rows(_load(values, windows, group, 0), windows, group)
 
 

@@ -57,7 +57,7 @@ class Noise(TypedDict):
 
 
 class Shown(IntEnum):
-    """What those samples were that were flagged in a row, as far as the one behind them shows it.
+    """What samples that were flagged in a row were, as the next one that was not flagged shows.
 
     Where axes differ, the largest one counts.
     """
