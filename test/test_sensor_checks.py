@@ -316,6 +316,19 @@ def test_each_side_has_its_own_end_of_the_range(bias, random):
     assert not met[~clipped].any()
 
 
+def test_all_axes_may_meet_the_end_of_the_range_at_once(random):
+    """Two do, and the third one a sample later: from then on the sensor repeats itself."""
+    rates, _ = at_rest(random, 10.0)
+    rates[500:] += np.interp(np.arange(500), [0, 100, 300, 400], [0, 14.0, 14.0, 0])[:, None]
+    rates[:, 2] *= 0.97
+    rates = np.clip(rates, -4.0, 4.0)
+    clipped = np.abs(rates) == 4.0
+    met = limits_met(Filter(), rates, random)
+    assert clipped.all(axis=1).sum() > 200
+    assert met[clipped.all(axis=1)].mean() > 0.98
+    assert not met[~clipped].any()
+
+
 def test_a_rate_that_a_body_has_passed_is_not_the_end_of_the_range():
     """At the top of a turn a coarse rate comes three times, and faster turns have been seen."""
     time = np.arange(3000) / 200.0

@@ -88,7 +88,8 @@ def note_range_end(
         ends['clipped'][axis] += 1
         return True
     resolution = checks['resolution'][axis]
-    if not _is_known_end(ends, axis, size, resolution):
+    stays = ends['at_limit'][axis] == 1 and change == 0.0
+    if not stays and not _is_known_end(ends, axis, size, resolution):
         # Behind a rate that is no number nobody knows whether it stays.
         if same or change != 0.0 or not _may_be_end(ends, axis, rate, resolution):
             return False
