@@ -58,6 +58,25 @@ def test_the_rest_of_a_sensor_with_its_own_low_pass_is_found(rate, share, random
 
 
 @pytest.mark.parametrize(
+    ('rate', 'hertz', 'steps'),
+    [(100.0, 5.0, 2.0), (200.0, 10.0, 1.0), (400.0, 20.0, 2.0), (1000.0, 20.0, 6.0)],
+)
+def test_slow_noise_that_repeats_its_values_is_smoothed(rate, hertz, steps, random):
+    """The steps of the sensor are coarse for noise that a low-pass has slowed down.
+
+    A value that came again and again was bridged as one of a bus that hangs, or taken for the rate.
+    """
+    n = round(40.0 * rate)
+    low_pass = signal.butter(2, hertz, fs=rate, output='sos')
+    noise = signal.sosfilt(low_pass, random.standard_normal((n, 3)), axis=0)
+    z = 0.01 + 0.0004 / steps * np.round(noise / noise.std() * steps)
+    results = Filter().run(stamps(n, rate), z, upright(random, n))[n // 2 :]
+    assert results['at_rest'].all()
+    assert np.isin(results['reason'], [Reason.REPEATED, Reason.CONSTANT]).mean() < 1e-3
+    assert results['angular_velocity'].std() < 0.3 * z[n // 2 :].std()
+
+
+@pytest.mark.parametrize(
     ('rate', 'hertz', 'most'),
     [(400.0, 40.0, 1.02), (1000.0, 100.0, 1.02), (1000.0, 40.0, 1.06), (2000.0, 100.0, 1.12)],
 )

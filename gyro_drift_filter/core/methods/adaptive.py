@@ -72,6 +72,7 @@ from gyro_drift_filter.core.methods.mode_set import MODES, Derivation, ModeSet, 
 from gyro_drift_filter.core.methods.noise import (
     NoiseCoefficients,
     derive_noise,
+    exceeds_step,
     forget_blocks,
     interrupt_block,
     learn_noise_from_sample,
@@ -266,6 +267,8 @@ def _judge(
     reason = find_reason(state, workspace, circumstances, limits, sample)
     # Called for every sample, as it counts them.
     constant = note_repeat(doubt, sample, state['noise']['variance'])
+    if still and not exceeds_step(state['noise']):
+        constant = False  # slow noise repeats a value of coarse steps for as long
     cut_off = workspace['at_limit'] and _is_behind(sample, workspace['prediction'], typical)
     if constant and not cut_off:
         return Reason.CONSTANT

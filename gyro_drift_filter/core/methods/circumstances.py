@@ -34,7 +34,7 @@ from gyro_drift_filter.core.methods.jolts import (
     was_jolted,
 )
 from gyro_drift_filter.core.methods.mode_set import Transition
-from gyro_drift_filter.core.methods.noise import is_begun, usual_deviation
+from gyro_drift_filter.core.methods.noise import exceeds_step, is_begun, usual_deviation
 from gyro_drift_filter.core.rest.detection import has_stood_still, shows_noise
 from gyro_drift_filter.core.sample import Sample, is_one_value, is_usable
 from gyro_drift_filter.core.sensor_checks import SensorChecks
@@ -190,8 +190,7 @@ def _hangs(state: AdaptiveAxis, checks: SensorChecks, axis: int, still: bool) ->
     noise = state['noise']
     if still and noise['blocks'] == 0:
         return False
-    step = noise['resolution']
-    return bool(0.0 < step * step < noise['variance'])
+    return noise['resolution'] > 0.0 and exceeds_step(noise)
 
 
 @kernel

@@ -229,6 +229,17 @@ def usual_deviation(noise: Noise) -> float:
 
 
 @kernel
+def exceeds_step(noise: Noise) -> bool:
+    """Return whether the noise changes by more than a step of the resolution from sample to sample.
+
+    Then a measured rate hardly ever comes twice. Behind a low-pass it may, as the part of the noise
+    that no smooth prediction can follow is small there.
+    """
+    step = noise['resolution']
+    return bool(step * step < noise['roughness'] * noise['variance'])
+
+
+@kernel
 def restart_block(noise: Noise) -> None:
     """Forget the block under way."""
     block = noise['block']
