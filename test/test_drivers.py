@@ -677,6 +677,18 @@ def test_a_fast_turn_at_a_low_rate_loses_no_heading(size, rate):
     assert abs(lost) < np.radians(5.0)
 
 
+@pytest.mark.parametrize(('rate', 'size'), [(25, 34.0), (50, 25.0), (50, 34.0)])
+def test_what_a_large_step_turns_while_it_is_held_is_given_back(rate, size):
+    """It does not end here, as what is lost where a turn begins comes back where it ends."""
+    random = np.random.default_rng(0)
+    truth = np.zeros((50 * rate, 3))
+    truth[40 * rate :, 2] = size
+    z = truth + 0.002 * random.standard_normal(truth.shape)
+    results = Filter().run(stamps(len(z), rate), z, upright(random, len(z)))
+    lost = (results['angular_velocity'] - truth).sum(axis=0)[2] / rate
+    assert abs(lost) < np.radians(1.0)
+
+
 @pytest.mark.parametrize('seed', [2, 4])
 def test_outliers_in_motion_are_not_given_back(seed):
     """Not even where the sample after them is held back as well, and counts as motion then.

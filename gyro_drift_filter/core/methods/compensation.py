@@ -31,15 +31,16 @@ from gyro_drift_filter.core.methods.adaptive_axis import (
 from gyro_drift_filter.core.methods.circumstances import Circumstances
 from gyro_drift_filter.core.methods.outliers import CONFIRMED_HIT
 from gyro_drift_filter.core.methods.reasons import Decision, decision_of
+from gyro_drift_filter.core.sensor_checks import RANGE
 
 # The angles of held samples that were motion, of samples that were bridged, and of what smoothing
 # has removed in motion make one sum. While it is within SMOOTHING_DEVIATIONS of noise it is given
 # back with the time constant SMOOTHING_SECONDS (s), else with COMPENSATION_SECONDS.
 COMPENSATION_SECONDS, SMOOTHING_SECONDS, SMOOTHING_DEVIATIONS = 0.25, 4.0, 3.0
 COMPENSATION_SHARE = 1.0 / 16.0  # of the angle, at most, with a sample
-# A larger angle, in rad, is no motion: it is that of three samples at the range of gyroscopes.
-# Where a sample lasts longer than LARGEST_FROM_PERIOD (s) it is larger in proportion.
-LARGEST_COMPENSATION, LARGEST_FROM_PERIOD = 2.0, 0.02
+# A larger angle, in rad, is no motion, unless samples last so long that LARGEST_SAMPLES turn a body
+# by more at the range of gyroscopes: the largest step is held for so many by default.
+LARGEST_COMPENSATION, LARGEST_SAMPLES = 2.0, 5
 LARGEST_KNOCK = 0.02  # rad: a knock turns a body that stays where it is by at most this angle
 # The slowest mode averages over so long: a turn that has begun since then may not show yet.
 RECENT_SECONDS = 1.0
@@ -62,7 +63,7 @@ def compensate(
     what was bridged; and what was smoothed away in motion. Sample and estimate in rad/s, period in
     s.
     """
-    largest = LARGEST_COMPENSATION * max(period / LARGEST_FROM_PERIOD, 1.0)
+    largest = max(LARGEST_COMPENSATION, LARGEST_SAMPLES * RANGE * period)
     unseen = (sample - rate) * period
     missed = _held_motion(state, workspace, circumstances, unseen, largest, period)
     missed += _cross_bridge(state['bridge'], workspace, sample, rate) * period
