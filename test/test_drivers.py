@@ -677,6 +677,24 @@ def test_a_fast_turn_at_a_low_rate_loses_no_heading(size, rate):
     assert abs(lost) < np.radians(5.0)
 
 
+@pytest.mark.parametrize('stands', range(400, 416))
+def test_what_is_held_before_a_loss_is_motion_if_the_next_sample_lies_beyond_it(stands, random):
+    """A hand begins to turn, in samples at 10 Hz, of which the third one is held and the next lost.
+
+    Once the sensor no longer stands, a body may have come where the next sample is.
+    """
+    begun = np.radians([[-0.5, 0.4, -3.5], [-16.0, -11.0, -36.0], [-30.0, -109.0, -27.0]])
+    turn = np.radians([[186.0, -197.0, -167.0], [261.0, -90.0, -233.0], [233.0, 26.0, -161.0]])
+    still = np.zeros((stands, 3)), np.zeros((60, 3))
+    rates = np.concatenate([still[0], begun, turn, still[1]])
+    rates += 1.4e-4 * random.standard_normal(rates.shape)
+    times = np.delete(stamps(len(rates) + 1, 10.0), stands + 3)
+    results = Filter().run(times, rates, np.full(rates.shape, np.nan))
+    filtered = results['angular_velocity'] + results['bias']
+    ends = [running_products(from_vectors(0.1 * r))[-1] for r in (filtered, rates)]
+    assert np.linalg.norm(to_vectors(multiply(inverse(ends[0]), ends[1]))) < np.radians(2.0)
+
+
 @pytest.mark.parametrize(('rate', 'size'), [(25, 34.0), (50, 25.0), (50, 34.0)])
 def test_what_a_large_step_turns_while_it_is_held_is_given_back(rate, size):
     """It does not end here, as what is lost where a turn begins comes back where it ends."""
