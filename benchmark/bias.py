@@ -29,8 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import inverse, rotate

@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
 from gyro_drift_filter.calibrate.reference import Reference
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.simulation.sensor import DEGREE
 from gyro_drift_filter.simulation.turns import lay_down, random_faults, sides

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from benchmark.drivers import WORLDS
 from benchmark.scenarios import motion, noise, stamps
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core import Filter, Parameters
 
 Array = NDArray[np.float64]

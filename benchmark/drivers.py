@@ -33,8 +33,7 @@ from scipy.spatial.transform import Rotation
 from benchmark.figures import rms, tell_misses
 from benchmark.quality import falls_short, read_bars
 from benchmark.scenarios import motion, noise, stamps
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.rotations import from_vectors, running_products

@@ -23,7 +23,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.identify.models import choose, fit_arma, fit_drift_and_white
 from gyro_drift_filter.simulation.experiments import autoregressive
 

@@ -34,8 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.scenarios import foot, spun_up, stamps, stopped
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.rotations import (
     from_vectors,

@@ -43,7 +43,7 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import correlate
 
 from benchmark.scenarios import stamps
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.rests import stretches_of
 

@@ -41,8 +41,7 @@ from benchmark.scenarios import (
     noise,
     stamps,
 )
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.gravity import GRAVITY
 
 # Limits of the median, where there is one, and of the worst.

@@ -27,8 +27,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.rotations import from_vectors
 from gyro_drift_filter.simulation.vehicles import VEHICLES, Driven, Ride, Vehicle, ride

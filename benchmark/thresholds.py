@@ -40,8 +40,7 @@ from pathlib import Path
 from benchmark import drivers, quality
 from benchmark.candidates import CANDIDATES
 from benchmark.measure import ROOT
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 METHODS = Path('gyro_drift_filter/core/methods')

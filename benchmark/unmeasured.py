@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 from benchmark.figures import tell_misses
 from benchmark.vehicles import parsed
 from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.simulation.vehicles import Ride
 

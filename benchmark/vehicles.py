@@ -39,8 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.figures import rms, tell_misses
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.rotations import (
     from_vectors,

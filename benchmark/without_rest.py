@@ -40,8 +40,7 @@ from numpy.typing import NDArray
 
 from benchmark.figures import tell_misses
 from benchmark.vehicles import parsed
-from gyro_drift_filter.cli.printing import tell
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
 from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias

@@ -42,8 +42,8 @@ from gyro_drift_filter.bags.replay_run import Watch
 from gyro_drift_filter.bags.topics import Topics
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.cli.parameter_file import read_parameters
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.cli.replay import describe
-from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.core.parameters import AXES

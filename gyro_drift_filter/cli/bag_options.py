@@ -18,12 +18,28 @@ import argparse
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from gyro_drift_filter.cli.once import Once
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
 
 # What a bag may be, in the help of a command.
 BAG = 'rosbag2 folder, a bare .mcap or .db3 file, or a .bag file of ROS 1'
+
+
+class Once(argparse.Action):
+    """An option that must not be given again, as only one of its values could count."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option: str | None = None,
+    ) -> None:
+        """Take the value."""
+        if getattr(namespace, self.dest) is not None:
+            parser.error(f'{option} is given twice, and this command takes one')
+        setattr(namespace, self.dest, values)
 
 
 def add_bag_argument(command: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
 from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, parameter_text, today
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
 

@@ -17,7 +17,7 @@
 import argparse
 from pathlib import Path
 
-from gyro_drift_filter.cli.once import Once
+from gyro_drift_filter.cli.bag_options import Once
 from gyro_drift_filter.cli.parameter_file import read_parameters
 from gyro_drift_filter.cli.printing import tell
 from gyro_drift_filter.core import Parameters

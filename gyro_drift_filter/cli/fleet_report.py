@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from gyro_drift_filter.cli.packages import needing_fleet
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.cli.result_files import add_json_option, as_plain, check_targets, saying
-from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.errors import printable
 from gyro_drift_filter.fleet.folder import REPORTS, TABLE
 from gyro_drift_filter.whole_file import write_whole

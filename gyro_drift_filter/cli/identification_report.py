@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, parameter_text, today
-from gyro_drift_filter.cli.table import table
+from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.identify.allan import Coefficient
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification

@@ -12,17 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Print results and remarks; a stream that takes nothing does not undo what was done."""
+"""Print results, tables and remarks; a stream that takes nothing does not undo what was done."""
 
 import io
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 
 from gyro_drift_filter.errors import GyroDriftFilterError
 
 # Of ECMA-48: bold green, bold yellow, bold red.
 _COLOURS = {'helped': '1;32', 'unsure': '1;33', 'useless': '1;33', 'harmed': '1;31'}
+
+
+def table(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells as aligned text: the first column to the left, the others right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [row[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines.append('  '.join(cells).rstrip())
+    return '\n'.join(lines)
 
 
 def say(text: str, *, after_files: bool = True) -> None:

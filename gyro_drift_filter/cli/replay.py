@@ -27,10 +27,9 @@ from gyro_drift_filter.cli.filter_options import (
     add_params_option,
     chosen_parameters,
 )
-from gyro_drift_filter.cli.printing import in_colour, tell
+from gyro_drift_filter.cli.printing import in_colour, table, tell
 from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying, verdicts_of
-from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.errors import printable

@@ -25,10 +25,9 @@ from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
 from gyro_drift_filter.cli.parameter_text import parameter_text, today
-from gyro_drift_filter.cli.printing import tell
+from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import add_json_option, check_targets, saying
-from gyro_drift_filter.cli.table import table
 from gyro_drift_filter.cli.time_options import add_time_options, between
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError, printable
