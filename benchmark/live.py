@@ -14,22 +14,19 @@
 
 """What the node costs on a robot, beside relays that do nothing: CPU, latency, loss, start, memory.
 
-python -m benchmark.live [--repetitions N]
+`benchmark.speed` tells it.
 """
 
 import contextlib
 import itertools
-import os
 import signal
-import statistics
 import struct
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import psutil
@@ -43,6 +40,7 @@ from gyro_drift_filter.messages.sample_messages import SAMPLE_TOPICS
 from gyro_drift_filter.simulation.bag import imu_message
 from harness.live_node import EXECUTABLE, LOSSLESS, environment, own_domain
 
+# Works where the working directory is that of the repository.
 RELAY = [sys.executable, '-m', 'benchmark.relay']
 NODE_COMMAND = [str(EXECUTABLE), '--ros-args']
 START = 10**18
@@ -199,14 +197,9 @@ def cpu_and_latency(repetitions: int) -> dict[str, dict[str, float]]:
         found[name].append(
             (cpu * 1e6, float(np.median(delays)) * 1e3, float(np.quantile(delays, 0.99)) * 1e3)
         )
+    names = 'cpu', 'latency', 'latency99'
     return {
-        name: dict(
-            zip(
-                ('cpu', 'latency', 'latency99'),
-                (statistics.median(row[i] for row in rows) for i in range(3)),
-                strict=True,
-            )
-        )
+        name: dict(zip(names, np.median(rows, axis=0).tolist(), strict=True))
         for name, rows in found.items()
     }
 
@@ -221,25 +214,11 @@ def loss(rate: float, seconds: float) -> tuple[int, int]:
     return len(messages) - len(set(stamps)), int((np.diff(stamps) <= 0).sum())
 
 
-def starts(repetitions: int) -> dict[str, tuple[float, float]]:
+def starts(repetitions: int) -> dict[str, list[float]]:
     """Return medians of the time from start to first output (s) and of resident memory (MB)."""
     found: dict[str, list[tuple[float, float]]] = {'bare': [], 'node': []}
     commands = {'bare': [*RELAY, 'bare'], 'node': NODE_COMMAND}
     for _, (name, command) in itertools.product(range(repetitions), commands.items()):
         with Player(command) as player:
             found[name].append((player.ready(), player.memory()))
-    return {
-        name: (statistics.median(r[0] for r in rows), statistics.median(r[1] for r in rows))
-        for name, rows in found.items()
-    }
-
-
-@contextlib.contextmanager
-def in_repository() -> Iterator[None]:
-    """Stand where `python -m benchmark.relay` works."""
-    before = Path.cwd()
-    os.chdir(Path(__file__).parent.parent)
-    try:
-        yield
-    finally:
-        os.chdir(before)
+    return {name: np.median(rows, axis=0).tolist() for name, rows in found.items()}

@@ -75,16 +75,17 @@ def cost_of(command: Sequence[str]) -> Cost:
 
 
 def median_costs(
-    commands: dict[str, Callable[[], Sequence[str]]], repetitions: int
+    commands: dict[str, Sequence[str]], repetitions: int, clear: Callable[[], None]
 ) -> dict[str, Cost]:
     """Run commands in turn, several times; return the median of each figure.
 
-    A command is made by a function, that clears away what the last run has left.
+    `clear` takes away what the last run has left.
     """
     costs: dict[str, list[Cost]] = {name: [] for name in commands}
     for _ in range(repetitions):
         for name, command in commands.items():
-            costs[name].append(cost_of(command()))
+            clear()
+            costs[name].append(cost_of(command))
     return {
         name: Cost(*(statistics.median(column) for column in zip(*rows, strict=True)))
         for name, rows in costs.items()

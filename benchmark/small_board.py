@@ -29,10 +29,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
 
-from benchmark.live import Player, imus, in_repository
+from benchmark.live import Player, imus
+from benchmark.measure import ROOT
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from harness.live_node import EXECUTABLE
 
@@ -115,7 +116,7 @@ def main() -> None:
     parser.add_argument('--share', type=float, default=0.25, help='of one core')
     parser.add_argument('--first-compile', action='store_true', help='time that, too')
     options = parser.parse_args()
-    with in_repository(), slow_core(options.share):
+    with chdir(ROOT), slow_core(options.share):
         print('kernels   method     rate (Hz)  start (s)  memory (MB)  CPU (us a message)')
         for kernels in ('compiled', 'Python'):
             if kernels == 'Python':

@@ -22,6 +22,7 @@ only illustrate. --quick takes fewer messages and repetitions.
 
 import argparse
 import compileall
+import contextlib
 import os
 import shutil
 import statistics
@@ -29,7 +30,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -146,14 +147,10 @@ def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
     bags = {n: write_tiled(rows, n, folder / f'{name}_{n}') for n in {small, plain, large, huge}}
     out, page = folder / 'out', folder / 'page.html'
 
-    def cleared(command: Sequence[str]) -> Callable[[], Sequence[str]]:
-        def clear() -> Sequence[str]:
-            shutil.rmtree(out, ignore_errors=True)
-            out.unlink(missing_ok=True)
-            page.unlink(missing_ok=True)
-            return command
-
-        return clear
+    def clear() -> None:
+        shutil.rmtree(out, ignore_errors=True)
+        out.unlink(missing_ok=True)
+        page.unlink(missing_ok=True)
 
     def ours(count: int, *options: str) -> list[str]:
         return [REPLAY, 'replay', str(bags[count]), '-o', str(out), '--quiet', *options]
@@ -166,15 +163,16 @@ def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
     (out / 'out.mcap').rename(kept)
     costs = median_costs(
         {
-            'replay': cleared(ours(large)),
-            'copy': cleared(by_hand('copy', kept)),
-            'loop': cleared(by_hand('loop', bags[plain])),
-            'replay, all': cleared(ours(large, '--diagnostics')),
-            'loop, all': cleared(by_hand('loop', bags[plain], '--diagnostics')),
-            'small': cleared(ours(small)),
-            'page': cleared([REPLAY, 'report', str(bags[large]), '-o', str(page), '--quiet']),
+            'replay': ours(large),
+            'copy': by_hand('copy', kept),
+            'loop': by_hand('loop', bags[plain]),
+            'replay, all': ours(large, '--diagnostics'),
+            'loop, all': by_hand('loop', bags[plain], '--diagnostics'),
+            'small': ours(small),
+            'page': [REPLAY, 'report', str(bags[large]), '-o', str(page), '--quiet'],
         },
         repetitions,
+        clear,
     )
     each = {key: cost.seconds / large * 1e6 for key, cost in costs.items() if key[0] == 'r'}
     each |= {key: cost.seconds / plain * 1e6 for key, cost in costs.items() if key[0] == 'l'}
@@ -198,11 +196,10 @@ def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
     yield Figure.of_ratio(
         f'report of {large:,}, memory', '{:.0f} MB', (made.memory, 1500.0), 'limit', 1.0
     )
-    nothing = folder / 'nothing'
-    write_tiled(rows, 100, nothing)
-    bags[100] = nothing
-    start = median_costs({'start': cleared(ours(100))}, repetitions)['start'].seconds
-    last = cost_of(cleared(ours(huge))())
+    bags[100] = write_tiled(rows, 100, folder / 'nothing')
+    start = median_costs({'start': ours(100)}, repetitions, clear)['start'].seconds
+    clear()
+    last = cost_of(ours(huge))
     slow, fast = (
         (cost - start) / n * 1e6
         for cost, n in ((last.seconds, huge), (costs['small'].seconds, small))
@@ -244,7 +241,7 @@ def main() -> int:
     options = parser.parse_args()
     _be_warm()
     figures: list[Figure] = []
-    with tempfile.TemporaryDirectory(prefix='.bench_', dir=ROOT) as folder, live.in_repository():
+    with tempfile.TemporaryDirectory(prefix='.bench_', dir=ROOT) as folder, contextlib.chdir(ROOT):
         measured = {
             'core': core(options.repetitions),
             'live': node(options.repetitions, quick=options.quick),
