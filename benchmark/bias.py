@@ -27,8 +27,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.gravity import GRAVITY
@@ -67,10 +67,8 @@ TURNS = {
     'horizontal, gyroscope alone': {'upright': False, 'silent': True},
 }
 
-Array = NDArray[np.float64]
 
-
-def at_rest(random: np.random.Generator, seconds: float, rate: float) -> tuple[Array, Array]:
+def at_rest(random: np.random.Generator, seconds: float, rate: float) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) of a motionless sensor."""
     n = round(seconds * rate)
     accelerations = 0.02 * random.standard_normal((n, 3))
@@ -79,13 +77,13 @@ def at_rest(random: np.random.Generator, seconds: float, rate: float) -> tuple[A
 
 
 def _biases(
-    rates: Array,
-    accelerations: Array,
+    rates: Floats,
+    accelerations: Floats,
     rate: float,
     *,
     silent: bool = False,
-    drives: NDArray[np.bool_] | None = None,
-) -> Array:
+    drives: Bools | None = None,
+) -> Floats:
     """Return the biases (n, 3); the robot says that it `drives` (n,) or stands, if it does."""
     stamps = START + np.round(np.arange(len(rates)) * 1e9 / rate).astype(np.int64)
     if silent:
@@ -102,7 +100,7 @@ def _biases(
     return np.concatenate(biases)
 
 
-def _roll(accelerations: Array, angle: Array) -> None:
+def _roll(accelerations: Floats, angle: Floats) -> None:
     """Turn gravity by angles (n,) in rad about x, in accelerations (n, 3) of an upright body."""
     accelerations[:, 1] += GRAVITY * np.sin(angle)
     accelerations[:, 2] += GRAVITY * (np.cos(angle) - 1.0)
@@ -175,7 +173,7 @@ def rolled(random: np.random.Generator, size: float, period: float, rate: float)
 
 def tilting(
     random: np.random.Generator, speed: float, rate: float, *, loud: bool
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) of a body that tilts to and fro at `speed` deg/s.
 
     It does so after a rest, for 10 to 40 s each time, and stops for 1 to 5 s in between, as a slow
@@ -248,7 +246,7 @@ def warm_up_in_stops(random: np.random.Generator, stop: float, rate: float, *, h
     return _lost_in_stands(random, truth, rate, stand=stop, vibrates=True, hums=hums)
 
 
-def _warming(size: float, rate: float) -> Array:
+def _warming(size: float, rate: float) -> Floats:
     """Return a bias (n,) in rad/s that warms up by `size` deg/s."""
     time = np.arange(round(DRIVE * rate)) / rate
     return size * DEGREE * (1.0 - np.exp(-time / WARMING_SECONDS))
@@ -256,7 +254,7 @@ def _warming(size: float, rate: float) -> Array:
 
 def _lost_in_stands(
     random: np.random.Generator,
-    truth: Array,
+    truth: Floats,
     rate: float,
     *,
     stand: float = STAND,
@@ -288,7 +286,7 @@ def _lost_in_stands(
     return _largest_angle(bias - truth, rate)
 
 
-def _largest_angle(errors: Array, rate: float) -> float:
+def _largest_angle(errors: Floats, rate: float) -> float:
     """Return the largest angle in deg that errors (n,) of a bias in rad/s add up to."""
     return float(np.abs(np.cumsum(errors)).max() / rate / DEGREE)
 
@@ -332,7 +330,7 @@ def slow_turns_in_drives(random: np.random.Generator, rate: float, *, steady: bo
     return _largest_angle(bias, rate)
 
 
-def _smooth(random: np.random.Generator, n: int, rate: float) -> Array:
+def _smooth(random: np.random.Generator, n: int, rate: float) -> Floats:
     """Return smooth noise (n, 3) of deviation 1."""
     smooth = np.cumsum(random.standard_normal((n, 3)), axis=0)
     width = round(5 * rate)
@@ -359,7 +357,7 @@ def on_other_sides(
     return float(np.sqrt(np.mean(np.square(errors[ends])))) / DEGREE, float(lost) / DEGREE
 
 
-def warm_up(random: np.random.Generator, rate: float) -> Array:
+def warm_up(random: np.random.Generator, rate: float) -> Floats:
     """Return the errors in deg/s after each rest, (rests, 3), of a bias that moves 1 deg/s.
 
     Between the rests it moves: smooth noise of 0.3 rad/s and 0.3 m/s^2.
@@ -376,7 +374,7 @@ def warm_up(random: np.random.Generator, rate: float) -> Array:
     return np.asarray(bias[ends] - truth[ends, None]) / DEGREE
 
 
-def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Array, Array]:
+def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Floats, Floats]:
     """Return the errors in deg/s, (n, 3), of a sensor that stands all the time.
 
     First while its bias is steady, the first minute left out, then while it moves 1 deg/s.
@@ -401,7 +399,7 @@ class Trials:
         for seed in range(self.seeds):
             yield world(np.random.default_rng(seed), *arguments, self.rate, **flags)
 
-    def results(self, world: Callable[..., Any], *arguments: float, **flags: bool) -> Array:
+    def results(self, world: Callable[..., Any], *arguments: float, **flags: bool) -> Floats:
         """Return what it gives, with a column for each figure where there are several."""
         return np.array(list(self.each(world, *arguments, **flags)))
 
@@ -410,7 +408,7 @@ class Trials:
         return _median_and_worst(self.results(world, *arguments, **flags))
 
 
-def _median_and_worst(values: Array, decimals: int = 1) -> str:
+def _median_and_worst(values: Floats, decimals: int = 1) -> str:
     return f'{np.median(values):.{decimals}f}  {values.max():.{decimals}f}'
 
 

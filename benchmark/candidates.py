@@ -19,14 +19,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
 from OneEuroFilter import OneEuroFilter
 from scipy import signal
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.methods import METHOD_NAMES
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,9 +39,9 @@ class Recording:
         deviation: Standard deviation of the noise at rest, in rad/s.
     """
 
-    stamps: NDArray[np.int64]
-    rates: Array
-    acceleration: Array
+    stamps: Integers
+    rates: Floats
+    acceleration: Floats
     sample_rate: float
     deviation: float
 
@@ -58,9 +56,9 @@ class Filtered:
         normalised: (n, 3), innovation squared by its predicted variance.
     """
 
-    rates: Array
-    flags: NDArray[np.bool_] | None = None
-    normalised: Array | None = None
+    rates: Floats
+    flags: Bools | None = None
+    normalised: Floats | None = None
 
 
 Candidate = Callable[[Recording], Filtered]
@@ -106,7 +104,7 @@ def butterworth(recording: Recording) -> Filtered:
     return Filtered(signal.sosfilt(sections, recording.rates, axis=0, zi=start)[0])
 
 
-def _windows(rates: Array, length: int) -> Array:
+def _windows(rates: Floats, length: int) -> Floats:
     """Return (n, 3, length): each sample with those before it."""
     padded = np.concatenate([np.repeat(rates[:1], length - 1, axis=0), rates])
     return np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)

@@ -23,22 +23,22 @@ that were predicted through with the right number. False: samples before which t
 import argparse
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.scenarios import bursty_stamps, stamps
+from gyro_drift_filter.arrays import Integers
 from gyro_drift_filter.core import Filter
 
 SECONDS = 60
 
 
-def delayed(rate: int, mean: float, random: np.random.Generator) -> NDArray[np.int64]:
+def delayed(rate: int, mean: float, random: np.random.Generator) -> Integers:
     """Return stamps of arrival: late by an exponential delay, `mean` in s; none overtakes."""
     n = SECONDS * rate
     delays = random.exponential(mean * 1e9, n).astype(np.int64)
     return np.maximum.accumulate(stamps(n, rate) + delays)
 
 
-def jittered(rate: int, share: float, random: np.random.Generator) -> NDArray[np.int64]:
+def jittered(rate: int, share: float, random: np.random.Generator) -> Integers:
     """Return stamps that are off by up to a share of the period, early or late."""
     offsets = random.uniform(-share, share, SECONDS * rate)
     return stamps(SECONDS * rate, rate) + np.round(offsets * 1e9 / rate).astype(np.int64)

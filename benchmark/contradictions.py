@@ -30,29 +30,27 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.figures import tell_misses
 from benchmark.vehicles import parsed
 from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.simulation.sensor import DEGREE
 from gyro_drift_filter.simulation.vehicles import VEHICLES, Ride, ride
 
-Array = NDArray[np.float64]
-
 LAST = round(60.0 * SAMPLE_RATE)
 LARGEST = 1.0  # deg/s
 
 
-def late(accelerations: Array, seconds: float) -> Array:
+def late(accelerations: Floats, seconds: float) -> Floats:
     """Return accelerations (n, 3) so many s later."""
     index = np.arange(len(accelerations)) - round(seconds * SAMPLE_RATE)
     return accelerations[np.maximum(index, 0)]
 
 
-ACCELEROMETERS: Mapping[str, Callable[[Array], Array]] = {
+ACCELEROMETERS: Mapping[str, Callable[[Floats], Floats]] = {
     'axes y, z, x': lambda accelerations: accelerations[:, [1, 2, 0]],
     'axes y, x, z': lambda accelerations: accelerations[:, [1, 0, 2]],
     'axes -x, y, z': lambda accelerations: accelerations * [-1.0, 1.0, 1.0],
@@ -61,7 +59,7 @@ ACCELEROMETERS: Mapping[str, Callable[[Array], Array]] = {
 }
 
 
-def last_bias(of: Ride, accelerations: Array, filter_: Filter | None = None) -> float:
+def last_bias(of: Ride, accelerations: Floats, filter_: Filter | None = None) -> float:
     """Return the size of the mean error of the bias over the last minute, in deg/s."""
     biases = (filter_ or Filter()).run(of.stamps, of.rates, accelerations)['bias']
     return float(np.linalg.norm((biases - of.bias)[-LAST:].mean(axis=0))) / DEGREE

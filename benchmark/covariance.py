@@ -28,15 +28,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.drivers import WORLDS
 from benchmark.scenarios import motion, noise, stamps
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core import Filter, Parameters
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TURN_ON_DEVIATION = Parameters().bias_turn_on_deviation
 _SECONDS = 90.0
@@ -62,12 +59,12 @@ class Recording(NamedTuple):
     """
 
     name: str
-    stamps: NDArray[np.int64]
-    rates: Array
-    acceleration: Array
-    truth: Array
-    rest: Mask
-    bias: Array
+    stamps: Integers
+    rates: Floats
+    acceleration: Floats
+    truth: Floats
+    rest: Bools
+    bias: Floats
 
     def part(self, first: int, count: int | None = None) -> 'Recording':
         """Return so many samples from one on, or all that follow it."""
@@ -85,7 +82,7 @@ class Recording(NamedTuple):
         first = int(np.flatnonzero(~self.rest)[0] + 1.5 * rate)
         return self.part(first)._replace(name='  from mid-motion')
 
-    def with_bias(self, bias: Array) -> 'Recording':
+    def with_bias(self, bias: Floats) -> 'Recording':
         """Return the same of a sensor that has this bias (3,) in rad/s."""
         return self._replace(rates=self.rates + (bias - self.bias), bias=bias)
 
@@ -115,12 +112,12 @@ def judge(recording: Recording) -> dict[str, float]:
     }
 
 
-def _inside(error: Array, variance: Array) -> Array:
+def _inside(error: Floats, variance: Floats) -> Floats:
     """Return 1 where an error is within two deviations, 0 where not, NaN where it is not known."""
     return np.where(np.isnan(error), np.nan, error * error <= 4.0 * variance)
 
 
-def _share(inside: Array) -> float:
+def _share(inside: Floats) -> float:
     known = inside[~np.isnan(inside)]
     return float(known.mean()) if known.size else np.nan
 
@@ -148,7 +145,7 @@ def simulated(
     yield whole.from_motion(rate).with_bias(turn_on_bias(random))
 
 
-def turn_on_bias(random: np.random.Generator) -> Array:
+def turn_on_bias(random: np.random.Generator) -> Floats:
     """Return a bias (3,) in rad/s, as a sensor that is switched on may have it."""
     return TURN_ON_DEVIATION * random.standard_normal(3)
 

@@ -33,6 +33,7 @@ from scipy.spatial.transform import Rotation
 from benchmark.figures import rms, tell_misses
 from benchmark.quality import falls_short, read_bars
 from benchmark.scenarios import motion, noise, stamps
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
@@ -51,8 +52,6 @@ _SECONDS = 120.0
 _WARM = 30.0  # s
 _SPEEDS = (1.0, 0.5, 1.5, 1.0)
 
-Array = NDArray[np.float64]
-
 
 @dataclass
 class Delivery:
@@ -69,14 +68,14 @@ class Delivery:
     """
 
     rate: float
-    stamps: NDArray[np.int64]
-    given: Array
-    truth: Array
-    acceleration: Array
-    rest: NDArray[np.bool_]
-    bias: Array
+    stamps: Integers
+    given: Floats
+    truth: Floats
+    acceleration: Floats
+    rest: Bools
+    bias: Floats
 
-    def keep(self, kept: NDArray[np.bool_]) -> None:
+    def keep(self, kept: Bools) -> None:
         """Drop all messages but some."""
         for name in ('stamps', 'given', 'truth', 'acceleration', 'rest'):
             setattr(self, name, getattr(self, name)[kept])
@@ -91,7 +90,7 @@ def deliver(rate: float, speed: float, random: np.random.Generator) -> Delivery:
     return Delivery(rate, even, given, trial.truth, trial.acceleration, trial.rest, bias)
 
 
-def lag(values: Array, share: float) -> Array:
+def lag(values: Floats, share: float) -> Floats:
     """Return (n, 3) values after two first-order lags."""
     for _ in range(2):
         start = (1.0 - share) * values[:1]
@@ -258,7 +257,7 @@ def _judge(world: str, delivery: Delivery, out: NDArray[np.void]) -> dict[str, f
     return figures
 
 
-def _orientation(delivery: Delivery, rates: Array) -> Rotation:
+def _orientation(delivery: Delivery, rates: Floats) -> Rotation:
     """Return the rotation that rates (n, 3) in the body's axes add up to, by the stamps."""
     steps = np.diff(delivery.stamps, prepend=delivery.stamps[0]) * 1e-9
     return Rotation.from_quat(running_products(from_vectors(rates * steps[:, None]))[-1])

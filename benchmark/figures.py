@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.cli.printing import table
 
 
@@ -73,7 +73,7 @@ class Figure:
         return self.ratio >= self.bar if self.at_least else self.ratio <= self.bar
 
 
-def rms(values: NDArray[np.float64]) -> float:
+def rms(values: Floats) -> float:
     """Return the root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 

@@ -21,12 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.fleet.columns import schema
 from gyro_drift_filter.simulation.sensor import START
-
-Floats = NDArray[np.float64]
 
 _DAY = 86_400 * 10**9  # ns
 _MESSAGES = 6000

@@ -30,9 +30,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.identify.models import choose, fit_arma, fit_drift_and_white
 from gyro_drift_filter.simulation.experiments import autoregressive
@@ -57,7 +57,7 @@ with AnyReader([Path(sys.argv[1])]) as reader:
 """
 
 
-def drift(seed: int, phi: float) -> NDArray[np.float64]:
+def drift(seed: int, phi: float) -> Floats:
     """Return AR(1) noise (n,) of deviation 1."""
     return autoregressive(np.random.default_rng([seed, 1]), SAMPLES, phi, np.sqrt(1.0 - phi * phi))[
         :, 0

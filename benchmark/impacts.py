@@ -31,9 +31,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.scenarios import foot, spun_up, stamps, stopped
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.rotations import (
@@ -44,15 +44,13 @@ from gyro_drift_filter.rotations import (
     to_vectors,
 )
 
-Array = NDArray[np.float64]
-
 SAMPLE_RATES = (100.0, 200.0, 400.0, 1000.0)
 SHAKES = (1.0, 10.0, 30.0)  # m/s^2, of the strike
 LEVERS = (0.01, 0.02, 0.05)  # m, from the axis of the motor
 LONGEST_STEP = 3.0  # median steps of the stamps: what lasts longer is a gap, in which nobody knows
 
 
-def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array, Array]]:
+def worlds(folder: Path | None) -> Iterator[tuple[str, Integers, Floats, Floats]]:
     """Yield a name, stamps, rates and accelerations of each."""
     bodies = (
         ('foot', foot, SHAKES, 'm/s^2', 1.0),
@@ -69,7 +67,7 @@ def worlds(folder: Path | None) -> Iterator[tuple[str, NDArray[np.int64], Array,
             yield path.stem, data['stamps'], data['rates'] * 1.0, data['accelerations'] * 1.0
 
 
-def lost(times: NDArray[np.int64], rates: Array, accelerations: Array, *, enabled: bool) -> Array:
+def lost(times: Integers, rates: Floats, accelerations: Floats, *, enabled: bool) -> Floats:
     """Return the angle between the orientations by filtered and by raw rates, (n,) in deg."""
     results = Filter(Parameters(outlier_enabled=enabled)).run(times, rates, accelerations)
     filtered = results['angular_velocity'] + results['bias']

@@ -38,16 +38,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 from scipy.signal import correlate
 
 from benchmark.scenarios import stamps
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.rests import stretches_of
-
-Array = NDArray[np.float64]
 
 _SAMPLES = 12_000
 _COEFFICIENTS = 300
@@ -70,9 +68,9 @@ class Trial(NamedTuple):
 
     name: str
     rate: float
-    truth: Array
-    accelerations: Array
-    noise: Array
+    truth: Floats
+    accelerations: Floats
+    noise: Floats
     rests: Sequence[tuple[int, int]]
 
 
@@ -126,7 +124,7 @@ def left_by_best(trial: Trial, parts: Sequence[tuple[int, int]], coefficients: i
     return left
 
 
-def autocovariances(parts: Sequence[Array], count: int) -> Array:
+def autocovariances(parts: Sequence[Floats], count: int) -> Floats:
     """Return the first autocovariances (count,) over parts (n,) of zero mean."""
     total = np.zeros(count)
     for part in parts:
@@ -135,12 +133,12 @@ def autocovariances(parts: Sequence[Array], count: int) -> Array:
     return total / sum(map(len, parts))
 
 
-def _about_means(trial: Trial, parts: Iterable[tuple[int, int]]) -> Iterator[Array]:
+def _about_means(trial: Trial, parts: Iterable[tuple[int, int]]) -> Iterator[Floats]:
     for first, end in parts:
         yield trial.truth[first:end] - trial.truth[first:end].mean(axis=0)
 
 
-def squares(parts: Iterable[Array]) -> float:
+def squares(parts: Iterable[Floats]) -> float:
     """Return the sum of the squares of all values."""
     return float(sum(np.sum(np.square(part)) for part in parts))
 

@@ -28,7 +28,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.candidates import CANDIDATES, Candidate, Filtered, Recording
 from benchmark.figures import rms, tell_misses
@@ -41,6 +40,7 @@ from benchmark.scenarios import (
     noise,
     stamps,
 )
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.gravity import GRAVITY
 
@@ -72,8 +72,6 @@ nis         normalised innovation squared, which should be 1: worst axis, at res
 SETTLED = 20.0  # s
 _SECONDS = 120.0
 
-Mask = NDArray[np.bool_]
-
 
 @dataclass(frozen=True)
 class World:
@@ -81,7 +79,7 @@ class World:
 
     sample_rate: float
     deviation: float
-    noise: NDArray[np.float64]
+    noise: Floats
     trials: list[Trial]
     seed: int
 
@@ -120,9 +118,9 @@ class Scored:
 
     def _filter(
         self,
-        rates: NDArray[np.float64],
-        acceleration: NDArray[np.float64] | None = None,
-        times: NDArray[np.int64] | None = None,
+        rates: Floats,
+        acceleration: Floats | None = None,
+        times: Integers | None = None,
     ) -> Filtered:
         n, world = len(rates), self._world
         if acceleration is None:
@@ -189,10 +187,10 @@ class Scored:
 
     def _in_motion(
         self,
-        truth: NDArray[np.float64],
-        raw_noise: NDArray[np.float64],
-        acceleration: NDArray[np.float64],
-        rest: Mask,
+        truth: Floats,
+        raw_noise: Floats,
+        acceleration: Floats,
+        rest: Bools,
     ) -> None:
         out = self._filter(truth + raw_noise, acceleration)
         error = out.rates - truth
@@ -206,10 +204,10 @@ class Scored:
 
     def _with_outliers(
         self,
-        truth: NDArray[np.float64],
-        raw_noise: NDArray[np.float64],
-        acceleration: NDArray[np.float64],
-        rest: Mask,
+        truth: Floats,
+        raw_noise: Floats,
+        acceleration: Floats,
+        rest: Bools,
         random: np.random.Generator,
     ) -> None:
         raw, mask = add_outliers(truth + raw_noise, random)
@@ -222,11 +220,11 @@ class Scored:
             self._add('spikes.caught_rest', float(out.flags[spike & rest[:, None]].mean()))
 
 
-def _share(flags: Mask | None, where: Mask) -> float | None:
+def _share(flags: Bools | None, where: Bools) -> float | None:
     return None if flags is None else float(flags[where].any(axis=1).mean())
 
 
-def _worst_nis(normalised: NDArray[np.float64] | None, where: Mask) -> float | None:
+def _worst_nis(normalised: Floats | None, where: Bools) -> float | None:
     if normalised is None:
         return None
     mean = np.maximum(normalised[where].mean(axis=0), 1e-9)

@@ -17,10 +17,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.gravity import GRAVITY
 
 START = 1_600_000_000_000_000_000
@@ -31,9 +31,6 @@ _FINE = 4000.0
 _MOTION_BAND = 25.0
 _STILL = 1e-3  # rad/s
 _STILL_SECONDS = 0.2
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -46,17 +43,17 @@ class Trial:
         rest: (n,), True where the body has stood still for a while, and will.
     """
 
-    truth: Array
-    acceleration: Array
-    rest: Mask
+    truth: Floats
+    acceleration: Floats
+    rest: Bools
 
 
-def stamps(n: int, rate: float) -> NDArray[np.int64]:
+def stamps(n: int, rate: float) -> Integers:
     """Return (n,) even stamps in ns."""
     return START + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
 
 
-def bursty_stamps(n: int, rate: float, random: np.random.Generator) -> NDArray[np.int64]:
+def bursty_stamps(n: int, rate: float, random: np.random.Generator) -> Integers:
     """Return (n,) stamps as a driver gives that hands over up to 40 samples at a time."""
     sizes = random.integers(1, 40, n)
     ends = np.cumsum(sizes)
@@ -66,7 +63,7 @@ def bursty_stamps(n: int, rate: float, random: np.random.Generator) -> NDArray[n
     return START + np.round(last * 1e9 / rate + place * 0.2e9 / rate).astype(np.int64)
 
 
-def noise(n: int, rate: float, deviation: float, kind: str, random: np.random.Generator) -> Array:
+def noise(n: int, rate: float, deviation: float, kind: str, random: np.random.Generator) -> Floats:
     """Return (n, 3) of sensor noise in rad/s, with a slow wander of the bias.
 
     Args:
@@ -121,7 +118,7 @@ def motion(seconds: float, rate: float, random: np.random.Generator, speed: floa
     return Trial(truth, acceleration, rest)
 
 
-def _gravity(truth: Array, rate: float) -> Array:
+def _gravity(truth: Floats, rate: float) -> Floats:
     """Return gravity in the axes of a body that turns at the rates `truth`, (n, 3) in m/s^2."""
     stride = max(1, round(rate / 100.0))
     turns = Rotation.from_rotvec(truth[::stride] * stride / rate).inv().as_matrix()
@@ -134,22 +131,22 @@ def _gravity(truth: Array, rate: float) -> Array:
     return np.column_stack([np.interp(index, known, coarse[:, axis]) for axis in range(3)])
 
 
-def _low_pass(values: Array, hertz: float, order: int = 3) -> Array:
+def _low_pass(values: Floats, hertz: float, order: int = 3) -> Floats:
     sections = signal.butter(order, hertz, fs=_FINE, output='sos')
     # Rates of zero would make it decay to numbers so small that processors take twenty times as
     # long for them. A constant passes a low-pass unchanged.
     return np.asarray(signal.sosfiltfilt(sections, values + 1.0, axis=0) - 1.0)
 
 
-def _edges(time: Array, seconds: float) -> Array:
+def _edges(time: Floats, seconds: float) -> Floats:
     """Return a smooth rise and fall within `seconds` of either end."""
     share = np.clip(np.minimum(time, time[-1] - time) / seconds, 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * share))
 
 
 def _by_hand(
-    time: Array, random: np.random.Generator, hertz: float = 2.0, size: float = 2.0
-) -> Array:
+    time: Floats, random: np.random.Generator, hertz: float = 2.0, size: float = 2.0
+) -> Floats:
     rates = _low_pass(random.standard_normal((len(time), 3)), random.uniform(0.5, 1.5) * hertz)
     tremor = _low_pass(random.standard_normal((len(time), 3)), 12.0)
     rates = rates / rates.std() + 0.02 * tremor / tremor.std()
@@ -159,23 +156,23 @@ def _by_hand(
     )
 
 
-def _fast(time: Array, random: np.random.Generator) -> Array:
+def _fast(time: Floats, random: np.random.Generator) -> Floats:
     return _by_hand(time, random, hertz=3.5, size=4.0)
 
 
-def _turn(time: Array, random: np.random.Generator) -> Array:
+def _turn(time: Floats, random: np.random.Generator) -> Floats:
     """Return a steady turn, as wheels make it, between 0.02 and 1.5 rad/s."""
     window = _edges(time, random.uniform(0.1, 0.6))[:, None]
     size = random.choice([0.02, 0.1, 0.5, 1.5])
     return np.asarray(size * window * random.standard_normal(3))
 
 
-def _wobble(time: Array, random: np.random.Generator) -> Array:
+def _wobble(time: Floats, random: np.random.Generator) -> Floats:
     wave = np.sin(2 * np.pi * random.uniform(1.0, 6.0) * time) * _edges(time, 0.1)
     return np.asarray(random.uniform(0.2, 3.0) * wave[:, None] * random.standard_normal(3))
 
 
-def _tap(time: Array, random: np.random.Generator) -> Array:
+def _tap(time: Floats, random: np.random.Generator) -> Floats:
     """Knocks on a hand-held body, each a ringing that dies away within a tenth of a second."""
     rates = 0.2 * _by_hand(time, random)
     for begin in random.uniform(0.0, time[-1] - 0.8, max(1, int(time[-1]))):
@@ -187,7 +184,7 @@ def _tap(time: Array, random: np.random.Generator) -> Array:
     return rates
 
 
-def add_outliers(rates: Array, random: np.random.Generator) -> tuple[Array, Mask]:
+def add_outliers(rates: Floats, random: np.random.Generator) -> tuple[Floats, Bools]:
     """Return rates with outliers as gyro drivers produce them, and where, (n, 3) each.
 
     Per axis 0.5 % isolated spikes of 2 to 35 rad/s and 0.05 % bursts of three equal ones; and
@@ -211,7 +208,7 @@ def add_outliers(rates: Array, random: np.random.Generator) -> tuple[Array, Mask
     return out, mask
 
 
-def bridge(rates: Array, mask: Mask) -> Array:
+def bridge(rates: Floats, mask: Bools) -> Floats:
     """Return rates with the marked samples extrapolated from the two before, damped by 0.8.
 
     This is what someone can do who is told which samples are outliers.
@@ -223,7 +220,7 @@ def bridge(rates: Array, mask: Mask) -> Array:
     return out
 
 
-def foot(random: np.random.Generator, rate: float, shake: float) -> tuple[Array, Array]:
+def foot(random: np.random.Generator, rate: float, shake: float) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) of a foot: each second it swings, and strikes.
 
     It swings up to 24 rad/s in 0.4 s, stops in 25 ms, and shakes the accelerometer by a deviation
@@ -239,7 +236,7 @@ def foot(random: np.random.Generator, rate: float, shake: float) -> tuple[Array,
     return rates, [0.0, 0.0, GRAVITY] + shaken * random.standard_normal((len(time), 3))
 
 
-def stopped(random: np.random.Generator, rate: float, shake: float) -> tuple[Array, Array]:
+def stopped(random: np.random.Generator, rate: float, shake: float) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) of a body that is swung against a table every 2 s.
 
     It gains 18 rad/s in 0.6 s, stops within a sample, rings by a third of that at 11 Hz for 40 ms,
@@ -255,7 +252,7 @@ def stopped(random: np.random.Generator, rate: float, shake: float) -> tuple[Arr
     return rates, [0.0, 0.0, GRAVITY] + struck[:, None] * random.standard_normal(rates.shape)
 
 
-def spun_up(random: np.random.Generator, rate: float, lever: float) -> tuple[Array, Array]:
+def spun_up(random: np.random.Generator, rate: float, lever: float) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) of a body that sways, and is spun up each second.
 
     A motor turns it by 8 rad/s more within 10 ms, for 0.4 s, about an axis that lies `lever` m from

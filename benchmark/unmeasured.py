@@ -26,11 +26,11 @@ import sys
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.figures import tell_misses
 from benchmark.vehicles import parsed
 from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
+from gyro_drift_filter.arrays import Bools
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.simulation.vehicles import Ride
@@ -42,7 +42,7 @@ BURST = 4  # samples
 LARGEST = 5.0  # 1e-3 rad/s, up to 0.2 s
 
 
-def unmeasured(count: int, seconds: float, seed: int) -> NDArray[np.bool_]:
+def unmeasured(count: int, seconds: float, seed: int) -> Bools:
     """Return which of `count` samples are not measured: for so many s each time."""
     lost = np.zeros(count, bool)
     first, last = round(FIRST_SECONDS * SAMPLE_RATE), count - round(LAST_SECONDS * SAMPLE_RATE)
@@ -51,7 +51,7 @@ def unmeasured(count: int, seconds: float, seed: int) -> NDArray[np.bool_]:
     return lost
 
 
-def largest_bias(of: Ride, lost: NDArray[np.bool_], kind: str) -> float:
+def largest_bias(of: Ride, lost: Bools, kind: str) -> float:
     """Return the largest error of the bias in 1e-3 rad/s, where samples are lost so."""
     count = len(lost)
     stamps, rates, kept = of.stamps, of.rates.copy(), np.ones(count, bool)

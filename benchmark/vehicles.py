@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmark.figures import rms, tell_misses
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.rotations import (
@@ -50,8 +51,6 @@ from gyro_drift_filter.rotations import (
     to_vectors,
 )
 from gyro_drift_filter.simulation.vehicles import VEHICLES, WARM_UP, Ride, ride, train
-
-Array = NDArray[np.float64]
 
 # Other benchmarks and tests have no train: it is where `bias.in_motion` has most to tell apart.
 ALL_VEHICLES = {**VEHICLES, 'train': train}
@@ -75,9 +74,9 @@ FIGURES = ('heading', 'attitude', 'tilt')
 class Judged:
     """One ride: three errors (see above) without the bias in motion, with it, and the best."""
 
-    off: Array
-    on: Array
-    best: Array
+    off: Floats
+    on: Floats
+    best: Floats
     inside: float
 
 
@@ -96,7 +95,7 @@ def judge(of: Ride) -> Judged:
     )
 
 
-def _errors(of: Ride, rates: Array, bias: Array) -> Array:
+def _errors(of: Ride, rates: Floats, bias: Floats) -> Floats:
     """Return heading and attitude in deg, tilt in 1e-3 rad/s, by rates and bias (n, 3) in rad/s."""
     period = np.gradient(of.stamps * 1e-9)[:, None]
     steps = to_vectors(multiply(inverse(of.orientations[:-1]), of.orientations[1:]))
@@ -112,7 +111,7 @@ def _errors(of: Ride, rates: Array, bias: Array) -> Array:
 
 
 def share_inside(
-    given: tuple[NDArray[np.int64], Array, Array], results: NDArray[Any], bias: Array
+    given: tuple[Integers, Floats, Floats], results: NDArray[Any], bias: Floats
 ) -> float:
     """Return in which share of time the bias of an axis lies within two published deviations.
 

@@ -36,10 +36,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmark.figures import tell_misses
 from benchmark.vehicles import parsed
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.shift import NO_SHIFT, BiasShift
@@ -47,8 +47,6 @@ from gyro_drift_filter.messages.memory_file import REPEATABILITY, RememberedBias
 from gyro_drift_filter.rotations import rotate
 from gyro_drift_filter.simulation.sensor import DEGREE
 from gyro_drift_filter.simulation.vehicles import VEHICLES, Ride, ride
-
-Array = NDArray[np.float64]
 
 # What is cut off at the start, when all of them stand or begin to move, and at the end, in s.
 START, END = 40.0, 14.0
@@ -83,12 +81,12 @@ def _part(of: Ride, samples: slice) -> Ride:
     return Ride(**{field.name: getattr(of, field.name)[samples] for field in fields(of)})
 
 
-def errors_across(of: Ride, *, followed: bool) -> Array:
+def errors_across(of: Ride, *, followed: bool) -> Floats:
     """Return the error of the bias across the vertical, (n,) in 1e-3 rad/s."""
     return errors_of(of, Filter(Parameters(bias_in_motion=followed)))
 
 
-def errors_of(of: Ride, filter_: Filter) -> Array:
+def errors_of(of: Ride, filter_: Filter) -> Floats:
     """Return the error of a filter's bias across the vertical, (n,) in 1e-3 rad/s."""
     length = round(HINT_EVERY * SAMPLE_RATE)
     parts = []
@@ -101,7 +99,7 @@ def errors_of(of: Ride, filter_: Filter) -> Array:
     return np.asarray(1e3 * np.linalg.norm(across, axis=1))
 
 
-def errors_of_next_run(of: Ride, seed: int) -> Array:
+def errors_of_next_run(of: Ride, seed: int) -> Floats:
     """Return the mean errors at the start of the next run, in 1e-3 rad/s: forgotten, remembered."""
     first = Filter()
     errors_of(of, first)
@@ -115,14 +113,14 @@ def errors_of_next_run(of: Ride, seed: int) -> Array:
     return np.array([errors_of(start, filter_).mean() for filter_ in (forgotten, remembered)])
 
 
-def remembering(bias: Array, shift: BiasShift = NO_SHIFT) -> Filter:
+def remembering(bias: Floats, shift: BiasShift = NO_SHIFT) -> Filter:
     """Return a filter that is given a bias (3,) in rad/s of an earlier run, known exactly then."""
     filter_ = Filter()
     RememberedBias(bias.tolist(), (0.0, 0.0, 0.0), shift).give(filter_)
     return filter_
 
 
-def errors_beside_memory(of: Ride, moved: float, seed: int) -> Array:
+def errors_beside_memory(of: Ride, moved: float, seed: int) -> Floats:
     """Return the errors (n,) in 1e-3 rad/s of a filter that is given a bias of an earlier run.
 
     Since then it has moved by a deviation in rad/s on each axis.
@@ -131,13 +129,13 @@ def errors_beside_memory(of: Ride, moved: float, seed: int) -> Array:
     return errors_of(of, remembering(before))
 
 
-def at_times(errors: Sequence[Array]) -> Array:
+def at_times(errors: Sequence[Floats]) -> Floats:
     """Return the root mean square over rides of errors (n,) at the start and `AFTER` so many s."""
     at = [0, *(round(seconds * SAMPLE_RATE) for seconds in AFTER)]
     return np.asarray(np.sqrt(np.mean(np.square([each[at] for each in errors]), axis=0)))
 
 
-def recorded(folder: Path, added: float, seeds: int) -> tuple[Array, Array]:
+def recorded(folder: Path, added: float, seeds: int) -> tuple[Floats, Floats]:
     """Return the errors across the vertical of recordings, (n,) in 1e-3 rad/s: without and with.
 
     Of all recordings in a folder, all directions of what is added in deg/s, and `RECORDED_AFTER`.
@@ -161,7 +159,7 @@ def recorded(folder: Path, added: float, seeds: int) -> tuple[Array, Array]:
 
 
 def _errors_of(
-    stamps: NDArray[np.int64], accelerations: Array, biases: Array, true: Array
+    stamps: Integers, accelerations: Floats, biases: Floats, true: Floats
 ) -> Iterator[tuple[float, float]]:
     """Yield the errors without and with the biases (n, 3), `RECORDED_AFTER` so many s."""
     for seconds in RECORDED_AFTER:

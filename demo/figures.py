@@ -19,13 +19,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.methods import METHOD_NAMES
 from gyro_drift_filter.simulation.drive import Drive
 from gyro_drift_filter.simulation.experiments import Simulation
 
-Rates = Mapping[str, NDArray[np.float64]]
+Rates = Mapping[str, Floats]
 # In the order of METHOD_NAMES, the last ones for methods to come; matplotlib chooses any further.
 _OF_METHODS = ('#d1722b', '#1f5fa8', '#2a8a57', '#8a4fb0', '#b03a48')
 _COLOURS = {'raw': '#b8c0cc', **dict(zip(METHOD_NAMES, _OF_METHODS, strict=False))}
@@ -97,5 +97,5 @@ def draw_dynamic(path: Path, simulation: Simulation, rates: Rates) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _seconds(simulation: Simulation) -> NDArray[np.float64]:
+def _seconds(simulation: Simulation) -> Floats:
     return np.asarray((simulation.stamps - simulation.stamps[0]) * 1e-9)

@@ -30,10 +30,10 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_heading, draw_static
+from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import messages
@@ -56,8 +56,6 @@ from harness.live_node import LOSSLESS, LiveNode
 
 SHIPPED = Path(__file__).parent.parent / 'config' / 'gyro_drift_filter.yaml'
 _TOPICS = Topics.of(TOPIC)
-
-Rates = NDArray[np.float64]
 
 
 def main() -> int:
@@ -135,12 +133,12 @@ def replay_with_verdict(bag: Path, destination: Path) -> str:
     return describe(watches[0].verdict(summary))
 
 
-def heading_error(rates: Rates, truth: Rates) -> Rates:
+def heading_error(rates: Floats, truth: Floats) -> Floats:
     """Return by how much the heading is off after each sample, (n,) in deg, as rates add up."""
     return np.degrees(np.cumsum((rates - truth)[:, 2]) / SAMPLE_RATE)
 
 
-def heading_table(turned: Mapping[str, Rates]) -> str:
+def heading_table(turned: Mapping[str, Floats]) -> str:
     """Return how far off the heading is at the end, and what that is in a minute."""
     seconds = len(turned['raw']) / SAMPLE_RATE
     rows = [['', 'off by (deg)', 'in a minute (deg)']]
@@ -169,12 +167,12 @@ def read_messages(bag: Path, topic: str) -> list[bytes]:
         return [data for connection, _, data in messages(reader) if connection.topic == topic]
 
 
-def read_rates(bag: Path, topic: str) -> Rates:
+def read_rates(bag: Path, topic: str) -> Floats:
     """Return the angular velocity (n, 3) in rad/s of an Imu topic."""
     return read_imu_arrays(bag, topic).angular_velocity
 
 
-def read_flags(bag: Path) -> NDArray[np.bool_]:
+def read_flags(bag: Path) -> Bools:
     """Return the outlier flags (n, 3) that a replay with diagnostics has written."""
     topic = _TOPICS.sample('outlier')
     with AnyReader([bag]) as reader:
@@ -186,7 +184,7 @@ def read_flags(bag: Path) -> NDArray[np.bool_]:
     return np.array([(v.x, v.y, v.z) for v in vectors]) > 0
 
 
-def static_table(simulation: Simulation, rates: Mapping[str, Rates]) -> str:
+def static_table(simulation: Simulation, rates: Mapping[str, Floats]) -> str:
     """Return the paper's Table 2: mean and standard deviation on the motionless part."""
     still = ~simulation.moving
     raw = rates['raw'][still]
@@ -207,7 +205,7 @@ def static_table(simulation: Simulation, rates: Mapping[str, Rates]) -> str:
     return 'Static experiment: the mean stays, the deviation falls\n' + table(rows)
 
 
-def standard_error(rate: Rates) -> Rates:
+def standard_error(rate: Floats) -> Floats:
     """Return the standard error of the mean (3,), from means of blocks, as noise is correlated."""
     blocks = np.array([block.mean(axis=0) for block in np.array_split(rate, 30)])
     return np.asarray(blocks.std(axis=0, ddof=1) / np.sqrt(len(blocks)))
@@ -215,8 +213,8 @@ def standard_error(rate: Rates) -> Rates:
 
 def dynamic_table(
     simulation: Simulation,
-    rates: Mapping[str, Rates],
-    flags: Mapping[str, NDArray[np.bool_]],
+    rates: Mapping[str, Floats],
+    flags: Mapping[str, Bools],
 ) -> str:
     """Return error against truth, and what became of the outliers, on the sinusoid."""
     moving, outliers = simulation.moving, simulation.outliers

@@ -21,9 +21,8 @@ slower or has nothing; all else is done with that.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from gyro_drift_filter.arrays import Floats
 
 
 def multiply(left: Floats, right: Floats) -> Floats:

@@ -21,15 +21,12 @@ from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gyro_drift_filter.bags.writer import BagWriter
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import TOPIC, imu_messages
 from gyro_drift_filter.simulation.sensor import even_stamps
-
-Floats = NDArray[np.float64]
 
 _DAY = 86_400 * 10**9  # ns
 # Of an MPU6050, in rad/s: noise, and by how much it and the bias differ from day to day.

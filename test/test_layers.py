@@ -22,7 +22,7 @@ from support.paths import PACKAGE, TESTS
 from support.processes import run_command
 
 # Modules that stand below all layers.
-BELOW = {'errors', 'gravity', 'phrases', 'rotations', 'version', 'whole_file'}
+BELOW = {'arrays', 'errors', 'gravity', 'phrases', 'rotations', 'version', 'whole_file'}
 # What each layer may import of the others.
 ALLOWED = {
     'accelerate': set(),

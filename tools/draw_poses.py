@@ -23,9 +23,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from gyro_drift_filter.arrays import Floats
 
 PICTURE = Path(__file__).parent.parent / 'docs' / 'images' / 'poses.svg'
 

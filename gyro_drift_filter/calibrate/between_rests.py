@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag, solve_triangular
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.calibrate.rests import Rest, Rests
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity
 from gyro_drift_filter.calibrate.turning import Leg, Turn, make_leg, turn, turn_alone
@@ -36,8 +36,6 @@ from gyro_drift_filter.calibrate.unknowns import (
     upper,
 )
 from gyro_drift_filter.gravity import GRAVITY
-
-Floats = NDArray[np.float64]
 
 # A case of ten centimetres, set against an edge by hand, lies there to half a millimetre.
 EDGE_DEVIATION = float(np.radians(0.3))
@@ -282,7 +280,7 @@ class _Blocks:
 
     def __init__(self, sources: int) -> None:
         self.sources = sources
-        self.rows: list[NDArray[np.int64]] = []
+        self.rows: list[Integers] = []
         # Of no residuals, so that there is something to concatenate.
         nothing = np.zeros(0), np.zeros((0, UNKNOWNS)), np.zeros((0, sources)), np.zeros((0, 0))
         self._parts: list[tuple[Floats, Floats, Floats, Floats]] = [nothing]

@@ -22,8 +22,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
@@ -33,8 +33,6 @@ from gyro_drift_filter.calibrate.sensitivity import find_sensitivity
 from gyro_drift_filter.calibrate.solving import Evidence, solve
 from gyro_drift_filter.calibrate.track import make_track
 from gyro_drift_filter.gravity import GRAVITY
-
-Floats = NDArray[np.float64]
 
 # No hand turns a sensor faster than this, in rad/s: 2000 deg/s are the end of the usual range.
 FASTEST = 35.0
@@ -58,7 +56,7 @@ class Samples:
         reference: Orientations from elsewhere, where there are any.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Integers
     rates: Floats
     accelerations: Floats
     reference: Reference | None = None

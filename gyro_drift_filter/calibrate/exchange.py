@@ -23,11 +23,9 @@ file.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.errors import CalibrationError
-
-Floats = NDArray[np.float64]
 
 
 class Foreign(NamedTuple):

@@ -26,10 +26,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.track import Track
@@ -42,9 +42,6 @@ from gyro_drift_filter.calibrate.turning import (
 )
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, TURNED, UNKNOWNS, Residuals
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, to_vectors
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # A span is short enough for the gyroscope's noise to stay below that of any reference, and holds so
 # many orientations at the most.
@@ -70,7 +67,7 @@ class Reference:
         orientations: (k, 4) unit quaternions x, y, z, w, from the body's axes to the world's.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Integers
     orientations: Floats
 
 

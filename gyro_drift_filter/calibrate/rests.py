@@ -24,13 +24,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.gravity import GRAVITY
-
-Floats = NDArray[np.float64]
 
 BLOCK_SECONDS = 0.25
 LEAST_BLOCK = 5  # samples, to know how they vary

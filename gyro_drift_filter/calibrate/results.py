@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise
@@ -39,8 +39,6 @@ from gyro_drift_filter.calibrate.unknowns import (
 from gyro_drift_filter.core.parameters import AXES, Parameters
 from gyro_drift_filter.errors import ParameterError
 from gyro_drift_filter.phrases import plain
-
-Floats = NDArray[np.float64]
 
 # An entry that is known to this only is told: two degrees in a turn.
 KNOWN = 0.005

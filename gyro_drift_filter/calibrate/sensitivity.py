@@ -18,13 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.rests import Rests
 from gyro_drift_filter.gravity import GRAVITY
-
-Floats = NDArray[np.float64]
 
 # A bias wanders from rest to rest by a tenth of what gravity does to it.
 WANDERING = 0.1

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording
 from gyro_drift_filter.calibrate.reference import Mount, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.unknowns import (
@@ -35,8 +35,6 @@ from gyro_drift_filter.calibrate.unknowns import (
     set_scale,
     start,
 )
-
-Floats = NDArray[np.float64]
 
 # Nominal scales that are tried first: so many lie near enough together for half a turn by hand, and
 # so many times more of them for three whole turns.

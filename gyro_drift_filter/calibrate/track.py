@@ -21,14 +21,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.phrases import without_rate
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 LEAST_SAMPLES = 10  # fewer hold no rest
 GAP_PERIODS = 5
@@ -69,7 +66,7 @@ class Track:
     set_back: tuple[tuple[float, float], ...]
 
 
-def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) -> Track:
+def make_track(stamps: Integers, rates: Floats, accelerations: Floats) -> Track:
     """Return a track of samples (n,), (n, 3) and (n, 3); stamps in ns, NaN where unknown.
 
     Raises:
@@ -115,7 +112,7 @@ def make_track(stamps: NDArray[np.int64], rates: Floats, accelerations: Floats) 
     )
 
 
-def _where_set_back(stamps: NDArray[np.int64], rates: Floats) -> list[int]:
+def _where_set_back(stamps: Integers, rates: Floats) -> list[int]:
     """Return the first samples after the clock of the stamps (n,) was set back.
 
     A message that comes late, or twice, is followed by one that goes on. Behind a clock that was
@@ -142,7 +139,7 @@ def _where_set_back(stamps: NDArray[np.int64], rates: Floats) -> list[int]:
     return found
 
 
-def _are_repeated(stamps: NDArray[np.int64], rates: Floats) -> Bools:
+def _are_repeated(stamps: Integers, rates: Floats) -> Bools:
     """Tell which samples (n,) have stamp and rates of an earlier one, or the stamp before."""
     order = np.argsort(stamps, kind='stable')
     same = np.diff(stamps[order]) == 0
@@ -153,7 +150,7 @@ def _are_repeated(stamps: NDArray[np.int64], rates: Floats) -> Bools:
     return repeated
 
 
-def _going_on(stamps: NDArray[np.int64], begins: list[int]) -> tuple[Floats, NDArray[np.int64]]:
+def _going_on(stamps: Integers, begins: list[int]) -> tuple[Floats, Integers]:
     """Return the time in s since the first of stamps (n,), and how often it was set back (n,).
 
     How long it took to set the clock back is not known: it counts as no time.
@@ -181,7 +178,7 @@ def _are_of_arrival(seconds: Floats) -> bool:
     return bool(np.mean(np.abs(steps - period) > 0.5 * period) > UNEVEN)
 
 
-def _evenly(seconds: Floats, stretches: NDArray[np.int64]) -> Floats:
+def _evenly(seconds: Floats, stretches: Integers) -> Floats:
     """Return evenly spaced times between gaps, and where the clock was set back."""
     gaps = (np.diff(seconds) > LONGEST_BURST) | (np.diff(stretches) > 0)
     out = seconds.copy()

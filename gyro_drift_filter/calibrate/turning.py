@@ -26,14 +26,12 @@ samples where these come faster than hands move.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.calibrate.rests import Rest
 from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
-
-Floats = NDArray[np.float64]
 
 # s: in less a hand, which trembles at 10 Hz, turns the axis of its rate by too little to tell
 # a third term of the Magnus expansion.
@@ -159,7 +157,7 @@ class Together:
         angles_before: (n, 3) and coning_before (n, 3): those from such a first step up to a step.
     """
 
-    first: NDArray[np.int64]
+    first: Integers
     lengths: Floats
     angles: Floats
     coning: Floats

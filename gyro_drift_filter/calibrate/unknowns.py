@@ -22,11 +22,9 @@ scales, and what relates a reference to the sensor.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.gravity import GRAVITY
-
-Floats = NDArray[np.float64]
 
 MATRIX, OFFSET, UPPER, SCALE = slice(0, 9), slice(9, 12), slice(12, 18), 18
 # Of a reference: rotation vector to the sensor, and by how much its stamps are late.

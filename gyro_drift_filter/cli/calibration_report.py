@@ -18,8 +18,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.exchange import Foreign
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
@@ -27,8 +27,6 @@ from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, param
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
-
-Floats = NDArray[np.float64]
 
 _MATRIX, _SENSITIVITY = 'calibration.matrix', 'calibration.acceleration_sensitivity'
 

@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 from statsmodels.tsa.arima_process import ArmaProcess
 from statsmodels.tsa.stattools import acf
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import BIAS_INSTABILITY, Coefficient
 from gyro_drift_filter.identify.identification import AxisModel, DeadAxis, Identification
@@ -91,9 +91,7 @@ def draw(
     return written
 
 
-def _envelope(
-    timing: Timing, stamps: Stored, rate: Stored
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _envelope(timing: Timing, stamps: Stored, rate: Stored) -> tuple[Floats, Floats]:
     """Return times in s and rates in deg/s, the least and largest of `_DRAWN` parts."""
     size = max(1, len(stamps) // _DRAWN)
     times, values = [], []
@@ -109,8 +107,8 @@ def _envelope(
 def _recording(
     panel: Axes,
     axis: AxisModel,
-    seconds: NDArray[np.float64],
-    rate: NDArray[np.float64],
+    seconds: Floats,
+    rate: Floats,
     result: Identification,
 ) -> None:
     panel.plot(seconds, rate, linewidth=0.4, color=_RAW, label='raw')

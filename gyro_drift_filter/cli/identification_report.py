@@ -18,8 +18,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, parameter_text, today
 from gyro_drift_filter.cli.printing import table
@@ -196,7 +196,7 @@ def _models(name: str, axis: AxisModel) -> str:
     return table(rows)
 
 
-def _with_errors(values: NDArray[np.float64], deviations: NDArray[np.float64]) -> str:
+def _with_errors(values: Floats, deviations: Floats) -> str:
     return ', '.join(f'{v:.4f}+-{d:.4f}' for v, d in zip(values, deviations, strict=True)) or '-'
 
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.cli.bag_options import add_bag_argument, add_topic_option
 from gyro_drift_filter.cli.filter_options import add_params_option, chosen_parameters
 from gyro_drift_filter.cli.packages import needing
@@ -125,9 +125,7 @@ def _warn_of_units(options: argparse.Namespace, topic: str) -> None:
             tell(f'warning: {finding.text}: {finding.advice}')
 
 
-def _truth(
-    options: argparse.Namespace, topic: str, stamps: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _truth(options: argparse.Namespace, topic: str, stamps: Integers) -> Floats:
     """Return the true rates (n, 3) at these stamps of a topic, NaN where they are not known.
 
     Raises:

@@ -28,14 +28,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import Values, stacked, value_at
 from gyro_drift_filter.rotations import from_vectors, rotate, running_products
-
-Floats = NDArray[np.float64]
 
 # Two means are compared that are taken over so many s each: a change of speed by 1 m/s in two
 # seconds moves one by 3 deg, and a bias of 1 deg/s turns it by 2. What turns too slowly for that

@@ -18,14 +18,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, parts, value_at
 from gyro_drift_filter.identify.timing import EARLIEST
 from gyro_drift_filter.phrases import plain
-
-Floats = NDArray[np.float64]
 
 # Between two clocks by crystals there are 200 ppm at most, and what shows at all takes a hundredth
 # of a second; a clock that is set jumps by more than messages take.

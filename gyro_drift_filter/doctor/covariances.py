@@ -19,11 +19,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.doctor.findings import Finding, fault, sound
-
-Floats = NDArray[np.float64]
 
 QUANTITIES = ('orientation', 'angular velocity', 'linear acceleration')
 # A driver may well state more than the noise at rest, for what motion adds; but ten times as much

@@ -18,12 +18,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
-
-Floats = NDArray[np.float64]
 
 # Even steps are drawn through so many stamps at once: few enough for the sensor's own clock to keep
 # its pace, many enough to average what single stamps are off by.
@@ -135,7 +133,7 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
     )
 
 
-def _windows(stamps: Values) -> Iterator[NDArray[np.int64]]:
+def _windows(stamps: Values) -> Iterator[Integers]:
     """Yield the stamps in stretches of a window, each beginning with the last one of before."""
     largest = LARGEST_PART // _WINDOW * _WINDOW
     for first in range(0, len(stamps), largest):

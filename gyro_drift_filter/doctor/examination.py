@@ -20,8 +20,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.sensor_checks import AxisFault
 from gyro_drift_filter.doctor.axes import carry_gravity, judge_axes
@@ -49,8 +49,6 @@ from gyro_drift_filter.identify.series import Stretch, Values, parts
 from gyro_drift_filter.identify.timing import OneRate, Timing, learn_timing
 from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted, time_to_stand, why_no_rest
-
-Floats = NDArray[np.float64]
 
 # Stamps that are off by so many periods are taken for those of missing samples now and then.
 _LOOSE = 0.2

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.quantisation import SURE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
@@ -90,9 +90,9 @@ class RuleLog:
     seconds: float = 0.0
     judged_seconds: float = 0.0
     rates: SteadyRates = field(default_factory=SteadyRates)
-    bias_deviation: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.inf))
+    bias_deviation: Floats = field(default_factory=lambda: np.full(3, np.inf))
 
-    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+    def take(self, imus: Any, log_times: Integers) -> None:
         """See messages (n,) IMU that were filtered."""
         self.rates.take(imus)
 

@@ -18,13 +18,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.doctor.findings import Finding, fault, sound
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
-
-Floats = NDArray[np.float64]
 
 # Every other sample, in stretches of so many, beside the mean of its neighbours: of two sensors,
 # each with its own bias, it is off to one side and to the other in turn. Of one that vibrates near
@@ -99,7 +97,7 @@ def judge_publishers(rates: tuple[Values, ...], connections: int) -> Finding:
     return sound('publishers', 'one publisher', found)
 
 
-def _take_turns(values: Floats) -> NDArray[np.bool_]:
+def _take_turns(values: Floats) -> Bools:
     """Return for stretches (s, n, 3) whether their samples are off to both sides in turn."""
     off = values[:, 1:-1] - 0.5 * (values[:, :-2] + values[:, 2:])
     off[:, ::2] *= -1.0

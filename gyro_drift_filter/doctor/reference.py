@@ -22,14 +22,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import Values, stacked, value_at
 from gyro_drift_filter.rotations import inverse, multiply, rotate, to_vectors
-
-Floats = NDArray[np.float64]
 
 # Turns over so many s are compared: many times the delays between two sources, and short enough
 # for the axis of a turn to stay.

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.gravity import GRAVITY
@@ -28,8 +28,6 @@ from gyro_drift_filter.identify.blocks import row_medians, runs_of
 from gyro_drift_filter.identify.quiet import Span
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
-
-Floats = NDArray[np.float64]
 
 # Data sheets allow an accelerometer 3 % of scale and 0.08 g of offset: together it shows gravity to
 # a tenth.

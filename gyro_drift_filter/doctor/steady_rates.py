@@ -17,11 +17,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.sample import LARGEST_RATE
-
-Floats = NDArray[np.float64]
 
 
 class SteadyRates:

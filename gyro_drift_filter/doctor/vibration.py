@@ -19,9 +19,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.preprocess import bridged
@@ -36,8 +36,6 @@ _LARGEST_CUT = 0.6
 _SHORTEST = 15.0
 # A motor keeps its speed, as a share of it.
 _SAME_FREQUENCY = 0.02
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

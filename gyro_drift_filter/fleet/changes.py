@@ -33,9 +33,8 @@ import ruptures
 from numpy.typing import NDArray
 from scipy import stats
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION
-
-Floats = NDArray[np.float64]
 
 # A level and its change can be told from four bags on: two make a stretch, as one odd bag is none.
 _STRETCH = 2

@@ -25,8 +25,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Integers
 from gyro_drift_filter.bags.message_types import read_message
 from gyro_drift_filter.bags.opening import FILE_SUFFIXES, open_bag
 from gyro_drift_filter.bags.output import NoOutput, Output
@@ -252,7 +252,7 @@ def written_path(bags: Path, bag: Bag) -> Path:
     return bags / (below.with_suffix('') if below.suffix in FILE_SUFFIXES else below)
 
 
-def _times(examined: Examined, watch: RunWatch) -> NDArray[np.int64]:
+def _times(examined: Examined, watch: RunWatch) -> Integers:
     """Return in ns when each sample (n,) was taken: its stamp, or what takes its place."""
     stamps = np.asarray(examined.log_times if watch.is_by_log else examined.stamps)
     if np.ptp(stamps) > 0:

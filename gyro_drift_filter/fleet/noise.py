@@ -17,8 +17,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.identify.allan import Allan, allan_deviation
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
@@ -36,7 +36,7 @@ class AxisNoise:
 
 
 def identify_noise(
-    stamps: NDArray[np.int64],
+    stamps: Integers,
     rates: tuple[Values, ...],
     accelerations: tuple[Values, ...],
     log_times: Values | None = None,
@@ -73,6 +73,6 @@ def identify_noise(
 def _mean_slope(clean: Preprocessed, begin: float, end: float) -> float:
     """Return by how much the bias changes from the first rest to the last one, over their time."""
     powers = np.arange(1, len(clean.trend) + 1)
-    at: NDArray[np.float64] = np.array([begin, end])[:, None] - clean.trend_centre
+    at: Floats = np.array([begin, end])[:, None] - clean.trend_centre
     values = (np.array(clean.trend) * at**powers).sum(axis=1)
     return float((values[1] - values[0]) / (end - begin))

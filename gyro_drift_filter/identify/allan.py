@@ -31,13 +31,11 @@ from dataclasses import dataclass
 
 import allantools
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import LARGEST_PART, Stretch, Values, block_means, parts
 from gyro_drift_filter.phrases import plain
-
-Floats = NDArray[np.float64]
 
 TAUS_PER_DECADE = 12
 # The longest tau fits this often into the longest span; fewer leave the deviation to chance.
@@ -82,7 +80,7 @@ class Allan:
 
     taus: Floats
     deviations: Floats
-    counts: NDArray[np.int64]
+    counts: Integers
     angle_random_walk: Coefficient | None
     bias_instability: Coefficient
     rate_random_walk: Coefficient | None
@@ -149,7 +147,7 @@ def allan_deviation(spans: Sequence[Values], period: float) -> Allan:
     )
 
 
-def _cluster_sizes(longest: int) -> NDArray[np.int64]:
+def _cluster_sizes(longest: int) -> Integers:
     """Return the numbers of samples to average over, evenly spaced in logarithm."""
     largest = longest // LEAST_CLUSTERS
     count = 2 + int(TAUS_PER_DECADE * np.log10(largest))
@@ -157,8 +155,8 @@ def _cluster_sizes(longest: int) -> NDArray[np.int64]:
 
 
 def _combine(
-    spans: Sequence[Values], period: float, sizes: NDArray[np.int64]
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    spans: Sequence[Values], period: float, sizes: Integers
+) -> tuple[Floats, Floats, Integers]:
     """Return taus in s, Allan variances and numbers of differences over all spans."""
     sums = np.zeros(len(sizes))
     counts = np.zeros(len(sizes), np.int64)
@@ -181,10 +179,10 @@ def _combine(
 def _add(
     values: Floats,
     step: int,
-    sizes: NDArray[np.int64],
-    usable: NDArray[np.bool_],
+    sizes: Integers,
+    usable: Bools,
     sums: Floats,
-    counts: NDArray[np.int64],
+    counts: Integers,
 ) -> None:
     """Add the squares of the differences of a series, means of `step` samples, at usable sizes."""
     numbers = np.round(sizes[usable] / step)

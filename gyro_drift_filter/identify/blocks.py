@@ -15,11 +15,8 @@
 """A series cut into blocks, and statistics of all blocks at once."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 
 # Deviation of Gaussian noise per median absolute deviation.
 PER_MEDIAN_DEVIATION = 1.4826

@@ -24,9 +24,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from statsmodels.tsa.stattools import adfuller, kpss
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import mean_deviation
 from gyro_drift_filter.identify.series import (
@@ -38,8 +38,6 @@ from gyro_drift_filter.identify.series import (
     parts,
     thinned,
 )
-
-Floats = NDArray[np.float64]
 
 MEAN_LIMIT = 3.0  # deviations of the mean
 # Of ADF, which has to speak for a constant level, and of KPSS, which speaks against one. Of three

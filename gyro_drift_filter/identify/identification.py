@@ -19,8 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.identify.allan import Allan, allan_deviation
@@ -66,8 +66,6 @@ from gyro_drift_filter.identify.series import (
 from gyro_drift_filter.identify.timing import Timing, learn_timings
 from gyro_drift_filter.identify.tones import Tone, find_tones
 from gyro_drift_filter.phrases import counted, named_axes, rounded_down, without_rate
-
-Floats = NDArray[np.float64]
 
 SHORT_QUIET = 60.0  # s: below that a warning
 # The models are fitted to spans of at least this many samples, where there is one.
@@ -145,7 +143,7 @@ class _Rests:
 
     timing: Timing
     quiet: Quiet
-    stamps: NDArray[np.int64] | Stored
+    stamps: Integers | Stored
 
     def length(self, span: Span) -> float:
         """Return how long a span lasts in s."""
@@ -157,11 +155,11 @@ class _Rests:
 
 
 def identify(
-    stamps: NDArray[np.int64] | Stored,
+    stamps: Integers | Stored,
     rates: Floats | tuple[Values, ...],
     accelerations: Floats | tuple[Values, ...],
     *,
-    log_times: NDArray[np.int64] | Stored | None = None,
+    log_times: Integers | Stored | None = None,
     orders: Sequence[Order] = ORDERS,
     paper: bool = False,
 ) -> Identification:

@@ -28,6 +28,7 @@ from scipy import signal, stats
 from statsmodels.tsa.arima.estimators.hannan_rissanen import hannan_rissanen
 from statsmodels.tsa.stattools import acf, q_stat
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.series import Values, mean_square
 from gyro_drift_filter.identify.spectrum import (
     Spectrum,
@@ -37,7 +38,6 @@ from gyro_drift_filter.identify.spectrum import (
     spectrum,
 )
 
-Array = NDArray[np.float64]
 Delays = NDArray[np.complex128]
 Order = tuple[int, int]
 
@@ -77,16 +77,16 @@ class ArmaFit:
     """
 
     order: Order
-    phi: Array
-    theta: Array
-    phi_deviation: Array
-    theta_deviation: Array
+    phi: Floats
+    theta: Floats
+    phi_deviation: Floats
+    theta_deviation: Floats
     variance: float
     aic: float
     bic: float
     ljung_box: float
 
-    def density(self, frequency: Array) -> Array:
+    def density(self, frequency: Floats) -> Floats:
         """Return the spectral density (m,) at angular frequencies (m,) in radians per sample.
 
         As the power of a `Spectrum`, its mean over all frequencies is the variance of x.
@@ -122,12 +122,12 @@ def _deviation(pieces: Sequence[Values]) -> float:
     return math.sqrt(mean_square(pieces))
 
 
-def _delays(frequency: Array, order: Order) -> Delays:
+def _delays(frequency: Floats, order: Order) -> Delays:
     """Return exp(-i w k) for k from 1 up to what the order needs, at each frequency w."""
     return np.asarray(np.exp(-1j * np.outer(frequency, np.arange(1, max(order) + 1))))
 
 
-def _arma_density(delays: Delays, order: Order, parameters: Array) -> Array:
+def _arma_density(delays: Delays, order: Order, parameters: Floats) -> Floats:
     """Return the spectral density of phi (p,), theta (q,) and the logarithm of the variance.
 
     `delays` (m, k) as of `_delays`.
@@ -142,7 +142,7 @@ def _arma_density(delays: Delays, order: Order, parameters: Array) -> Array:
     return np.asarray(variance * np.abs(numerator) ** 2 / np.abs(denominator) ** 2)
 
 
-def is_stable(coefficients: Array) -> bool:
+def is_stable(coefficients: Floats) -> bool:
     """Return whether the roots of 1 - c[0] z^-1 - c[1] z^-2 - ... lie within the unit circle.
 
     They do if all partial autocorrelations are less than one, which Levinson's recursion, run
@@ -157,7 +157,7 @@ def is_stable(coefficients: Array) -> bool:
     return True
 
 
-def _fit_one(sample: Array, data: Spectrum, order: Order, scale: float) -> ArmaFit:
+def _fit_one(sample: Floats, data: Spectrum, order: Order, scale: float) -> ArmaFit:
     p, q = order
     starts = [_start(sample, order), np.r_[np.full(p, 0.1 / max(p, 1)), np.zeros(q)]]
     delays = _delays(data.frequency, order)
@@ -183,7 +183,7 @@ def _fit_one(sample: Array, data: Spectrum, order: Order, scale: float) -> ArmaF
     )
 
 
-def _start(sample: Array, order: Order) -> Array:
+def _start(sample: Floats, order: Order) -> Floats:
     """Return first values of phi and theta, by Hannan and Rissanen's regressions."""
     p, q = order
     if p == q == 0:
@@ -199,7 +199,7 @@ def _start(sample: Array, order: Order) -> Array:
     return np.concatenate([phi, theta])
 
 
-def _whiteness(sample: Array, phi: Array, theta: Array) -> float:
+def _whiteness(sample: Floats, phi: Floats, theta: Floats) -> float:
     residuals = signal.lfilter(
         np.concatenate([[1.0], -phi]), np.concatenate([[1.0], -theta]), sample
     )[len(phi) + len(theta) + 20 :]
@@ -247,14 +247,14 @@ def fit_drift_and_white(pieces: Sequence[Values]) -> DriftAndWhite:
     data = spectrum(pieces, scale)
     cosine = np.cos(data.frequency)
 
-    def density(v: Array) -> Array:
+    def density(v: Floats) -> Floats:
         """Of phi, the drift's variance and the white noise's."""
         phi, drift, white = v
         if not 1e-9 < abs(phi) < 1.0:
             return np.full_like(cosine, np.nan)
         return np.asarray(drift * (1 - phi * phi) / (1 - 2 * phi * cosine + phi * phi) + white)
 
-    def by_moments(v: Array) -> Array:
+    def by_moments(v: Floats) -> Floats:
         """Return phi and both variances from phi, covariance at lag 1 and variance of the sum."""
         phi, covariance, total = v
         return np.array([phi, covariance / phi, total - covariance / phi])
@@ -323,7 +323,7 @@ def fit_filter_noise(pieces: Sequence[Values], phi: float) -> FilterNoise:
     drift = 1.0 / (1.0 - 2.0 * phi * cosine + phi * phi)
     difference = 2.0 - 2.0 * cosine
 
-    def density(v: Array) -> Array:
+    def density(v: Floats) -> Floats:
         """Of the logarithms of Q / R and of R."""
         ratio = max(math.exp(min(v[0], 50.0)), _LEAST_RATIO)
         return np.asarray(math.exp(min(v[1], 50.0)) * (ratio * drift + difference))

@@ -23,9 +23,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION, block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import Span
@@ -40,9 +40,6 @@ from gyro_drift_filter.identify.series import (
     parts,
     thinned,
 )
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # Outliers are judged against the line through the medians of blocks this long.
 MEDIAN_SECONDS = 1.0

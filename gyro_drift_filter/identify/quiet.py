@@ -38,16 +38,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.identify.series import Values, columns, parts
 from gyro_drift_filter.identify.slow_noise import Cause, is_smooth, look_at_slow_noise
 from gyro_drift_filter.identify.timing import Timing
 from gyro_drift_filter.identify.windows import Look, Windows, cut, look, step_limit
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 WINDOW_SECONDS = 1.0
 LEAST_WINDOW = 16  # samples

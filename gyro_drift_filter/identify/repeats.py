@@ -19,9 +19,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gyro_drift_filter.identify.series import LARGEST_PART, Floats, Values, stacked
+from gyro_drift_filter.arrays import Bools, Floats
+from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 
 # Chance gives a count its root; beyond so many of them, and so many, it was not chance.
 _DEVIATIONS, _LEAST = 5.0, 5.0
@@ -91,6 +91,6 @@ def _parts(columns: Sequence[Values], before: int) -> Iterator[tuple[int, Floats
         yield ahead, np.nan_to_num(stacked(columns, slice(first - ahead, first + _TOGETHER)))
 
 
-def _are_equal(rows: Floats, apart: int) -> NDArray[np.bool_]:
+def _are_equal(rows: Floats, apart: int) -> Bools:
     """Tell for rows (m, c), but the first `apart` ones, if they equal those so many before them."""
     return np.asarray((rows[apart:] == rows[:-apart]).all(axis=1))

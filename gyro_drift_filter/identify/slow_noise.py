@@ -28,13 +28,11 @@ from collections.abc import Sequence
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.series import Values
 from gyro_drift_filter.identify.timing import Timing
 from gyro_drift_filter.identify.windows import Look, Windows, cut, look, rows_of
-
-Floats = NDArray[np.float64]
 
 # Where the quietest windows have a smaller share of their variance in differences over 20 ms than
 # this they are smooth: a body's motion up to 3 Hz, and no low-pass that gyroscopes have at 100 Hz.

@@ -25,14 +25,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, optimize
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, all_parts
 
-Array = NDArray[np.float64]
 # A spectral density per parameter vector, at the angular frequencies of the bins.
-Density = Callable[[Array], Array]
+Density = Callable[[Floats], Floats]
 
 # The lowest ordinates hold what is left of the trend.
 _SKIPPED = 3
@@ -60,9 +59,9 @@ class Spectrum:
         samples: Samples that went in.
     """
 
-    frequency: Array
-    power: Array
-    weight: Array
+    frequency: Floats
+    power: Floats
+    weight: Floats
     samples: int
 
 
@@ -76,12 +75,12 @@ class Fit:
         log_likelihood: Up to a constant that all models of the same spectrum share.
     """
 
-    parameters: Array
-    covariance: Array
+    parameters: Floats
+    covariance: Floats
     log_likelihood: float
 
     @property
-    def deviations(self) -> Array:
+    def deviations(self) -> Floats:
         """Standard errors (p,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
 
@@ -126,7 +125,7 @@ def _fast_length(n: int) -> int:
     return next(m for m in range(n, 0, -1) if fft.next_fast_len(m, real=True) == m)
 
 
-def _edges(n: int) -> Array:
+def _edges(n: int) -> Floats:
     step = 2.0 * np.pi / n
     edges = [(_SKIPPED - 0.5) * step]
     widest = max(step, np.pi / _WIDEST)
@@ -156,7 +155,7 @@ def fit_density(data: Spectrum, density: Density, start: Sequence[float]) -> Fit
     return climb(data, density, found.x)
 
 
-def climb(data: Spectrum, density: Density, start: Array) -> Fit:
+def climb(data: Spectrum, density: Density, start: Floats) -> Fit:
     """Return the parameters of largest likelihood near a good first guess, by Fisher scoring.
 
     Args:
@@ -223,7 +222,7 @@ def likelihood_interval(
     return limit(bounds[0]), limit(bounds[1])
 
 
-def _cost(data: Spectrum, density: Density, parameters: Array) -> float:
+def _cost(data: Spectrum, density: Density, parameters: Floats) -> float:
     """Return minus the log-likelihood, infinite where the parameters describe no process."""
     value = density(parameters)
     if not value.min() > 0.0:  # nor where one is no number
@@ -231,7 +230,7 @@ def _cost(data: Spectrum, density: Density, parameters: Array) -> float:
     return float(data.weight @ (np.log(value) + data.power / value))
 
 
-def _information(data: Spectrum, density: Density, parameters: Array) -> tuple[Array, Array]:
+def _information(data: Spectrum, density: Density, parameters: Floats) -> tuple[Floats, Floats]:
     """Return the inverse of the Fisher information (p, p), and the score (p,)."""
     value = density(parameters)
     slopes = []

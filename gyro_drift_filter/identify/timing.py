@@ -27,16 +27,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.core.clock.periods import BLOCK_SAMPLES, OTHER_PERIOD
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, value_at
 from gyro_drift_filter.phrases import counted
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 # A step of the stamps beyond both is a gap. Bursty delivery waits up to half a second.
 GAP_PERIODS = 10.0

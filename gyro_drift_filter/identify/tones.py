@@ -20,12 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
-
-Floats = NDArray[np.float64]
 
 # Length of the periodograms that are averaged, and the least number of them.
 _SEGMENT, _LEAST_SEGMENTS = 8192, 8

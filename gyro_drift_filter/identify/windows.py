@@ -18,8 +18,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.identify.blocks import (
     PER_MEDIAN_DEVIATION,
     block_rows,
@@ -27,10 +27,6 @@ from gyro_drift_filter.identify.blocks import (
     row_medians,
 )
 from gyro_drift_filter.identify.series import Values
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 # Share of windows that are taken as the quietest, and their least number.
 QUIETEST_SHARE, QUIETEST_WINDOWS = 0.05, 5

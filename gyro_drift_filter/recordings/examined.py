@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.bags.imu_arrays import usable
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.message_types import read_message
@@ -61,7 +61,7 @@ class _Orientations:
         self._stamps = Stored(np.int64)
         self._columns = stored_columns(4)
 
-    def add(self, stamps: NDArray[np.int64], quaternions: NDArray[np.float64]) -> None:
+    def add(self, stamps: Integers, quaternions: Floats) -> None:
         """Add stamps (n,) in ns and quaternions (n, 4) in the order x, y, z, w."""
         self._stamps.append(stamps)
         append_rows(self._columns, quaternions)

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.bags.imus import read_imus
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.output import NoOutput
@@ -44,8 +44,8 @@ class Recorded(NamedTuple):
         is_same: Whether all are what the filter makes here, bit for bit.
     """
 
-    times: NDArray[np.float64]
-    rates: NDArray[np.float64]
+    times: Floats
+    rates: Floats
     is_same: bool
 
 
@@ -74,7 +74,7 @@ class _ExactSignals(Signals):
         super().__init__(filter_)
         self.exact = stored_columns(3)
 
-    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+    def take(self, imus: Any, log_times: Integers) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         super().take(imus, log_times)
         append_rows(self.exact, imus['result']['angular_velocity'][imus['kind'] == ImuKind.GOOD])

@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Integers
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE, SAMPLE
@@ -84,7 +84,7 @@ class StoredSamples:
             notes.append(f'{left_out} left out, as damaged or without an angular velocity')
         return notes
 
-    def going_on(self) -> Callable[[NDArray[np.int64]], NDArray[np.int64]]:
+    def going_on(self) -> Callable[[Integers], Integers]:
         """Return what makes times in ns of the stamps' clock as if that was never set forward.
 
         How long it took to set it is not known: a gap stays in place of it. A single stamp of the
@@ -187,7 +187,7 @@ def _check_unit(stamped: float, logged: float) -> None:
         )
 
 
-def _times(part: ImuPart, clock: str, sample_rate: float | None, before: int) -> NDArray[np.int64]:
+def _times(part: ImuPart, clock: str, sample_rate: float | None, before: int) -> Integers:
     """Return the time of each sample in ns: stamps, or what takes their place."""
     if not clock:
         return np.asarray(part.samples['stamp'])

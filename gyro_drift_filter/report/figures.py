@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tsdownsample import MinMaxDownsampler
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.identify.allan import allan_deviation
 from gyro_drift_filter.identify.blocks import runs_of
@@ -35,8 +36,6 @@ from gyro_drift_filter.identify.spectrum import spectrum
 from gyro_drift_filter.identify.timing import GAP_PERIODS
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS
 from gyro_drift_filter.report.signals import Signals
-
-Floats = NDArray[np.float64]
 
 DEGREES = float(np.degrees(1.0))
 TIME = 'time (s)'
@@ -398,13 +397,13 @@ class Drawer:
                 ]
         return figure
 
-    def _is_usual(self, innovations: Floats, axis: int) -> NDArray[np.bool_]:
+    def _is_usual(self, innovations: Floats, axis: int) -> Bools:
         """Return which innovations (n,) of an axis are known, and not those of outliers."""
         flagged = np.asarray(self.main.columns['outlier'][axis]) > 0
         return np.asarray(np.isfinite(innovations) & ~flagged)
 
 
-def reduced(values: NDArray[Any], room: int) -> NDArray[np.int64]:
+def reduced(values: NDArray[Any], room: int) -> Integers:
     """Return indexes of at most `room` finite values (n,): the least and largest of each part."""
     finite = np.flatnonzero(np.isfinite(values))
     if len(finite) <= room:

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Integers
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.methods import METHODS, WITHIN_LIMITS
 from gyro_drift_filter.core.sample import STARTED
@@ -115,7 +116,7 @@ class FlaggedLog:
         # By axis and reason: the numbers of the samples, and their log times.
         self._unflagged: dict[tuple[int, int], list[tuple[NDArray[Any], NDArray[Any]]]] = {}
 
-    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+    def take(self, imus: Any, log_times: Integers) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         kept = are_filtered(imus)
         before = self.samples
@@ -142,9 +143,9 @@ class FlaggedLog:
     def _note_unflagged(
         self,
         axis: int,
-        reasons: NDArray[np.int64],
-        listed: NDArray[np.bool_],
-        times: NDArray[np.int64],
+        reasons: Integers,
+        listed: Bools,
+        times: Integers,
         before: int,
     ) -> None:
         """Note samples with a reason of their own that are `listed` in no sequence."""

@@ -17,8 +17,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.messages.imu import are_filtered
 
@@ -54,7 +54,7 @@ class HeldBack:
             # A value that is no usable number neither ends a row nor lengthens it.
             self._take_axis(axis, flagged[is_seen[:, axis], axis], longest)
 
-    def _take_axis(self, axis: int, flagged: NDArray[np.bool_], longest: float) -> None:
+    def _take_axis(self, axis: int, flagged: Bools, longest: float) -> None:
         """See which samples (n,) of an axis were flagged."""
         before = int(self._in_a_row[axis])
         edges = np.flatnonzero(np.diff(flagged, prepend=False, append=False))

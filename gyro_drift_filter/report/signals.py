@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
@@ -28,8 +28,6 @@ from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span
 from gyro_drift_filter.report.sample_times import each_sample_seconds, no_sample_times, note_pace
 from gyro_drift_filter.report.verdict import RunWatch
-
-Floats = NDArray[np.float64]
 
 # What is kept of each axis.
 VECTORS = (
@@ -65,7 +63,7 @@ class Signals:
         self._times = no_sample_times()
         self._seconds = 0.0
 
-    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+    def take(self, imus: Any, log_times: Integers) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         self.watch.take(imus, log_times)
         kept = are_filtered(imus)
@@ -100,7 +98,7 @@ class Signals:
         self.report_times.append(self._seconds)
         self.bias_deviations.append(span.now.telemetry.bias_deviation)
 
-    def _steps(self, stamps: NDArray[np.int64], log_times: NDArray[np.int64]) -> Floats:
+    def _steps(self, stamps: Integers, log_times: Integers) -> Floats:
         """Return the time in s that each sample stands for."""
         note_pace(self._times, self.filter)
         steps = np.empty(len(stamps))

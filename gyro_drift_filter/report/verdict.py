@@ -21,8 +21,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.core import Filter
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.doctor.live_rules import RuleLog, is_truncation_refuted
@@ -35,8 +35,6 @@ from gyro_drift_filter.report.held_back import HeldBack
 from gyro_drift_filter.report.run_sums import OUTLIER_STRETCH, add_run, end_run, no_sums
 from gyro_drift_filter.report.sample_times import is_by_log, note_pace, sample_period
 from gyro_drift_filter.version import package_version
-
-Floats = NDArray[np.float64]
 
 # Fewer samples at rest do not tell what the noise is, nor fewer in motion what is changed there.
 _FEWEST = 100
@@ -167,7 +165,7 @@ class FlaggedOutliers:
     """
 
     looked_for: bool
-    axes: NDArray[np.int64]
+    axes: Integers
     at_rest: int
     in_motion: int
     first: float | None
@@ -290,7 +288,7 @@ class RunWatch:
         # At rest: the least and largest bias, and the deviation of the first one, (3,) in rad/s.
         self._at_rest: tuple[Floats, Floats, Floats] | None = None
 
-    def take(self, imus: Any, log_times: NDArray[np.int64]) -> None:
+    def take(self, imus: Any, log_times: Integers) -> None:
         """See messages (n,) IMU that were filtered, with their log times (n,) in ns."""
         if self._sums[0]['samples'] == 0:
             self._note_given(imus)

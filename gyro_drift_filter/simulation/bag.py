@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.bags.writer import BagWriter
@@ -72,7 +72,7 @@ def imu_message(
 
 
 def imu_messages(
-    stamps: NDArray[np.int64], rates: Any, accelerations: Any, **options: Any
+    stamps: Integers, rates: Any, accelerations: Any, **options: Any
 ) -> Iterator[tuple[int, bytes]]:
     """Yield the stamp of each sample in ns, and its message, as `imu_message` makes it.
 
@@ -149,7 +149,7 @@ def write_simulation(bag: Path, simulation: Simulation) -> Path:
     return archive
 
 
-def read_truth(archive: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_truth(archive: Path) -> tuple[Integers, Floats]:
     """Return stamps (n,) in ns and true rates (n, 3) in rad/s, as `write_simulation` writes them.
 
     A rate of NaN is one that is not known.
@@ -182,7 +182,7 @@ def read_truth(archive: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return stamps.astype(np.int64), truth.astype(np.float64)
 
 
-def _covariances(simulation: Simulation) -> list[NDArray[np.float64]]:
+def _covariances(simulation: Simulation) -> list[Floats]:
     """Return those of rates and accelerations, (9,) each; zeros, unknown, without samples at rest.
 
     Motion is no noise of an accelerometer, so its samples at rest count.

@@ -17,13 +17,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.simulation.experiments import Simulation
 from gyro_drift_filter.simulation.sensor import even_stamps
-
-Floats = NDArray[np.float64]
 
 SAMPLE_RATE = 100.0  # Hz
 NOISE, ACCELERATION_NOISE = 2e-3, 0.03  # of an MPU6050: rad/s, m/s^2

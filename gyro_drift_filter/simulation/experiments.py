@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from itertools import accumulate
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import from_vectors, rotate
 from gyro_drift_filter.simulation.sensor import even_stamps
@@ -40,13 +40,13 @@ class Simulation:
         bias: (3,) in rad/s.
     """
 
-    stamps: NDArray[np.int64]
-    angular_velocity: NDArray[np.float64]
-    linear_acceleration: NDArray[np.float64]
-    truth: NDArray[np.float64]
-    outliers: NDArray[np.bool_]
-    moving: NDArray[np.bool_]
-    bias: NDArray[np.float64]
+    stamps: Integers
+    angular_velocity: Floats
+    linear_acceleration: Floats
+    truth: Floats
+    outliers: Bools
+    moving: Bools
+    bias: Floats
 
 
 @dataclass(frozen=True)
@@ -119,9 +119,7 @@ def simulate(settings: SimulationSettings) -> Simulation:
     )
 
 
-def autoregressive(
-    random: np.random.Generator, n: int, phi: float, deviation: float
-) -> NDArray[np.float64]:
+def autoregressive(random: np.random.Generator, n: int, phi: float, deviation: float) -> Floats:
     """Return (n, 3) of the stationary process x(k) = phi x(k-1) + w(k), equation (2)."""
     driving = deviation * random.standard_normal((n, 3))
     if n:
@@ -133,10 +131,10 @@ def autoregressive(
 
 def _add_outliers(
     random: np.random.Generator,
-    rate: NDArray[np.float64],
+    rate: Floats,
     first: int,
     settings: SimulationSettings,
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Add outliers to one axis from sample `first` on, in place; return where."""
     where = np.zeros(len(rate), bool)
     count = len(rate) - first

@@ -17,9 +17,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from gyro_drift_filter.arrays import Floats, Integers
 
 START = 1_600_000_000_000_000_000  # ns
 DEGREE = float(np.radians(1.0))
@@ -124,7 +123,7 @@ def _counted(values: Floats, count: float) -> Floats:
     return count * np.round(values / count) if count > 0.0 else values
 
 
-def even_stamps(count: int, sample_rate: float) -> NDArray[np.int64]:
+def even_stamps(count: int, sample_rate: float) -> Integers:
     """Return (count,) stamps in ns at a rate in Hz."""
     return START + np.round(np.arange(count) * (1e9 / sample_rate)).astype(np.int64)
 

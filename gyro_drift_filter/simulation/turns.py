@@ -19,13 +19,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.simulation.sensor import DEGREE, Faults, Motion, Noise, even_stamps, measure
-
-Floats = NDArray[np.float64]
 
 # An MPU6050 by its data sheet, with counts of the ranges that are fast enough for a hand.
 SENSOR_NOISE = Noise(
@@ -51,7 +49,7 @@ class Turns:
         faults: Of the sensor.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Integers
     rates: Floats
     accelerations: Floats
     orientations: Floats

@@ -23,24 +23,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, rotate, to_vectors
 from gyro_drift_filter.simulation.sensor import (
     DEGREE,
     Faults,
-    Floats,
     Motion,
     Noise,
     even_stamps,
     measure,
     smooth,
 )
-
-Bools = NDArray[np.bool_]
 
 # A small MEMS sensor for robots, as their data sheets have it, and its range.
 NOISE = Noise(rate_density=0.007 * DEGREE, acceleration_density=180e-6 * GRAVITY)
@@ -68,7 +65,7 @@ class Ride:
         moving: (n,), True while the vehicle moves.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Integers
     rates: Floats
     accelerations: Floats
     orientations: Floats

@@ -28,13 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.parameters import AXES, IDENTITY, NO_SENSITIVITY
 from gyro_drift_filter.core.sample import LARGEST_RATE, SampleStatus
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.phrases import rounded_down, without_rate
-
-Floats = NDArray[np.float64]
 
 # Half of the stretches are held back. Fewer tell little of the scatter between them; shorter ones
 # than half a second are no longer independent, as one motion covers several.
@@ -63,7 +62,7 @@ class Material:
             where they are not known for a sample.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Integers
     rates: Floats
     accelerations: Floats
     truth: Floats | None = None
@@ -139,7 +138,7 @@ class Objective:
                 out[k] = self._surprise(results, part, known) + self._lag(results, part, known)
         return out
 
-    def _surprise(self, results: NDArray[Any], part: slice, known: NDArray[np.bool_]) -> float:
+    def _surprise(self, results: NDArray[Any], part: slice, known: Bools) -> float:
         """Return minus the mean logarithm of the density that was predicted for the samples."""
         alive = self._counts > 0.0
         usable = np.isfinite(self._material.rates[part]) & known[:, None] & alive
@@ -150,7 +149,7 @@ class Objective:
         density = (1.0 - SPIKES) * density + SPIKES * _SPIKE_DENSITY
         return float(-np.log(density[usable]).mean()) if usable.any() else 0.0
 
-    def _lag(self, results: NDArray[Any], part: slice, known: NDArray[np.bool_]) -> float:
+    def _lag(self, results: NDArray[Any], part: slice, known: Bools) -> float:
         """Return what the lag of the output in motion costs, in the same unit.
 
         Lag in samples times the slope is an error; beside the noise of the sensor it costs as much
@@ -169,7 +168,7 @@ class Objective:
         return cost / (len(AXES) * len(results))
 
 
-def _require_enough(stamps: NDArray[np.int64]) -> None:
+def _require_enough(stamps: Integers) -> None:
     """Look whether there is enough of a recording to hold some of it back.
 
     Raises:
@@ -191,7 +190,7 @@ def _require_enough(stamps: NDArray[np.int64]) -> None:
         )
 
 
-def _mean_square(results: NDArray[Any], truth: Floats, known: NDArray[np.bool_]) -> float:
+def _mean_square(results: NDArray[Any], truth: Floats, known: Bools) -> float:
     """Return the mean squared error about its mean, as the bias is not what is judged."""
     used = known & np.isfinite(truth).all(axis=1)
     error = (results['angular_velocity'] - truth)[used]

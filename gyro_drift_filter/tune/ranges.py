@@ -20,11 +20,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core import Parameters
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

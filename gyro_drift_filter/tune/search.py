@@ -23,13 +23,11 @@ from contextlib import suppress
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.tune.objective import Objective
-
-Floats = NDArray[np.float64]
 
 # A third of the evaluations is spread evenly; then Nelder and Mead's simplex goes downhill from the
 # best of them, as thresholds make steps that have no slope. Its first steps are so wide.

@@ -22,15 +22,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.errors import GyroDriftFilterError
 from gyro_drift_filter.tune.objective import STRETCHES, Material, Objective
 from gyro_drift_filter.tune.ranges import RANGES, at_places
 from gyro_drift_filter.tune.search import Evaluations, TimeIsUpError, downhill, search
-
-Floats = NDArray[np.float64]
 
 # Another value is worth it where it predicts by so much better, in nats a sample: a hundredth is
 # one per cent of the error of the prediction. And where so large a gain is less likely than this to
@@ -218,7 +216,7 @@ class _Run:
     def _at(self, place: Floats) -> Parameters:
         return at_places(self._ranges, place.tolist(), self._before, self._objective.noise)
 
-    def _cost_of(self, stretches: NDArray[np.bool_]) -> Callable[[Floats], float]:
+    def _cost_of(self, stretches: Bools) -> Callable[[Floats], float]:
         """Return what the search makes small on some stretches."""
         return lambda place: self._total(self._evaluations.costs(self._at(place))[stretches])
 
@@ -231,7 +229,7 @@ class _Run:
         mean = float(costs.mean())
         return math.sqrt(mean) if self._objective.is_error else mean
 
-    def _gain(self, worse: Floats, better: Floats, stretches: NDArray[np.bool_]) -> Gain:
+    def _gain(self, worse: Floats, better: Floats, stretches: Bools) -> Gain:
         """Return by how much costs are smaller on some stretches."""
         gains = (worse - better)[stretches]
         if self._objective.is_error:  # the logarithm of an rms error, for small changes
@@ -241,7 +239,7 @@ class _Run:
         chance = float((signs @ gains >= gains.sum() * (1.0 - 1e-12)).mean())
         return Gain(float(gains.mean()), float(gains.std(ddof=1) / math.sqrt(n)), chance)
 
-    def _without_the_idle(self, best: Parameters, stretches: NDArray[np.bool_]) -> Parameters:
+    def _without_the_idle(self, best: Parameters, stretches: Bools) -> Parameters:
         """Return the best with all parameters put back that gain nothing, the idlest first."""
         old = self._before.names()
         while True:

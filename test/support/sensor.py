@@ -18,9 +18,9 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.rotations import from_vectors, inverse, rotate, running_products
 from gyro_drift_filter.simulation.experiments import autoregressive
 
@@ -29,15 +29,13 @@ NOISE, PHI = 6.1e-3, 0.167
 GRAVITY = np.array([0.0, 0.0, 9.81])
 DEGREE = np.pi / 180
 
-Array = NDArray[np.float64]
-
 
 def at_rest(
     random: np.random.Generator,
     seconds: float,
-    bias: Sequence[float] | Array = (0.0, 0.0, 0.0),
+    bias: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     rate: float = 100.0,
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) of a motionless sensor."""
     n = round(seconds * rate)
     rates = autoregressive(random, n, PHI, NOISE * np.sqrt(1 - PHI**2))
@@ -46,7 +44,7 @@ def at_rest(
 
 def by_hand(
     random: np.random.Generator, seconds: float, rate: float = 100.0
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Return rates and accelerations (n, 3) that smooth motion adds."""
     n = round(seconds * rate)
     window = np.minimum(1.0, np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.3 * rate))[:, None]
@@ -54,27 +52,27 @@ def by_hand(
     return window * motion[0] / motion[0].std(), window * 2.0 * motion[1] / motion[1].std()
 
 
-def motion_below(hertz: float, random: np.random.Generator, n: int, rate: float) -> Array:
+def motion_below(hertz: float, random: np.random.Generator, n: int, rate: float) -> Floats:
     """Return rates (n, 3) of random motion up to a frequency in Hz, of any size."""
     sections = low_pass(hertz, rate).copy()  # scipy takes no array that can't be written to
     return np.asarray(signal.sosfiltfilt(sections, random.standard_normal((n, 3)), axis=0))
 
 
 @cache
-def low_pass(hertz: float, rate: float) -> Array:
+def low_pass(hertz: float, rate: float) -> Floats:
     """Return the sections of a Butterworth filter, whose design takes longer than its use."""
-    sections: Array = signal.butter(3, hertz, fs=rate, output='sos')
+    sections: Floats = signal.butter(3, hertz, fs=rate, output='sos')
     sections.flags.writeable = False
     return sections
 
 
-def turning_gravity(rates: Array, rate: float) -> Array:
+def turning_gravity(rates: Floats, rate: float) -> Floats:
     """Return gravity (n, 3) in the axes of a body that turns at rates (n, 3) from upright on."""
     turned = running_products(from_vectors(rates / rate))
     return rotate(inverse(turned), np.array([0.0, 0.0, 9.81]))
 
 
-def fast_turn(n: int, rate: float) -> Array:
+def fast_turn(n: int, rate: float) -> Floats:
     """Return rates (n, 3) of fast motion to and fro about all axes."""
     time = np.arange(n) / rate
     return np.column_stack(
@@ -83,8 +81,8 @@ def fast_turn(n: int, rate: float) -> Array:
 
 
 def idling(
-    random: np.random.Generator, seconds: float, bias: Sequence[float] | Array
-) -> tuple[Array, Array]:
+    random: np.random.Generator, seconds: float, bias: Sequence[float] | Floats
+) -> tuple[Floats, Floats]:
     """Return rates and accelerations of a body that its motors shake, faster than it could move."""
     rates, accelerations = at_rest(random, seconds, bias)
     shake = np.diff(random.standard_normal((len(rates) + 1, 3)), axis=0)
@@ -92,8 +90,8 @@ def idling(
 
 
 def taking_off(
-    random: np.random.Generator, seconds: float, bias: Sequence[float] | Array, idles: float = 2.0
-) -> tuple[Array, Array]:
+    random: np.random.Generator, seconds: float, bias: Sequence[float] | Floats, idles: float = 2.0
+) -> tuple[Floats, Floats]:
     """Return rates and accelerations of a body that idles for so many s, and then moves."""
     rates, accelerations = idling(random, seconds, bias)
     turn, push = by_hand(random, seconds - idles)
