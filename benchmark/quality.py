@@ -171,30 +171,23 @@ class Scored:
     def motion(self) -> None:
         """Rests and motion, from rest and from mid-motion; then with outliers."""
         world = self._world
-        for number, trial in enumerate(world.trials):
-            moving = int(np.flatnonzero(~trial.rest)[0] + 1.5 * world.sample_rate)
+        for number, whole in enumerate(world.trials):
+            moving = int(np.flatnonzero(~whole.rest)[0] + 1.5 * world.sample_rate)
             for begin in (0, moving):
-                span = slice(begin, None)
-                truth, rest = trial.truth[span], trial.rest[span]
+                trial = whole.since(begin)
                 random = np.random.default_rng([world.seed, number, begin])
-                n = len(truth)
+                n = len(trial.truth)
                 first = random.integers(0, len(world.noise) - n)
                 raw_noise = world.noise[first : first + n]
-                acceleration = trial.acceleration[span]
-                self._in_motion(truth, raw_noise, acceleration, rest)
+                self._in_motion(trial, raw_noise)
                 if begin == 0:
-                    self._with_outliers(truth, raw_noise, acceleration, rest, random)
+                    self._with_outliers(trial, raw_noise, random)
 
-    def _in_motion(
-        self,
-        truth: Floats,
-        raw_noise: Floats,
-        acceleration: Floats,
-        rest: Bools,
-    ) -> None:
-        out = self._filter(truth + raw_noise, acceleration)
-        error = out.rates - truth
-        late = np.arange(len(truth)) > 5.0 * self._world.sample_rate
+    def _in_motion(self, trial: Trial, raw_noise: Floats) -> None:
+        rest = trial.rest
+        out = self._filter(trial.truth + raw_noise, trial.acceleration)
+        error = out.rates - trial.truth
+        late = np.arange(len(error)) > 5.0 * self._world.sample_rate
         self._add('motion.rmse', rms(error) / rms(raw_noise))
         self._add('motion.rest', rms(error[rest]) / rms(raw_noise[rest]))
         self._add('motion.move', rms(error[~rest]) / rms(raw_noise[~rest]))
@@ -202,22 +195,16 @@ class Scored:
         self._add('motion.nis_rest', _worst_nis(out.normalised, rest & late))
         self._add('motion.nis_move', _worst_nis(out.normalised, ~rest))
 
-    def _with_outliers(
-        self,
-        truth: Floats,
-        raw_noise: Floats,
-        acceleration: Floats,
-        rest: Bools,
-        random: np.random.Generator,
-    ) -> None:
+    def _with_outliers(self, trial: Trial, raw_noise: Floats, random: np.random.Generator) -> None:
+        truth = trial.truth
         raw, mask = add_outliers(truth + raw_noise, random)
-        out = self._filter(raw, acceleration)
+        out = self._filter(raw, trial.acceleration)
         oracle = bridge(truth + raw_noise, mask) - truth
         self._add('spikes.ratio', rms(out.rates - truth) / rms(oracle))
         spike = mask & (raw != 0)
         if out.flags is not None:
             self._add('spikes.caught', float(out.flags[spike].mean()))
-            self._add('spikes.caught_rest', float(out.flags[spike & rest[:, None]].mean()))
+            self._add('spikes.caught_rest', float(out.flags[spike & trial.rest[:, None]].mean()))
 
 
 def _share(flags: Bools | None, where: Bools) -> float | None:

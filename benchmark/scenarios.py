@@ -47,6 +47,10 @@ class Trial:
     acceleration: Floats
     rest: Bools
 
+    def since(self, first: int) -> 'Trial':
+        """Return what follows from a sample on."""
+        return Trial(self.truth[first:], self.acceleration[first:], self.rest[first:])
+
 
 def stamps(n: int, rate: float) -> Integers:
     """Return (n,) even stamps in ns."""

@@ -31,7 +31,6 @@ from gyro_drift_filter.identify.allan import allan_deviation
 from gyro_drift_filter.identify.blocks import runs_of
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import bridged
-from gyro_drift_filter.identify.series import Stretch
 from gyro_drift_filter.identify.spectrum import spectrum
 from gyro_drift_filter.identify.timing import GAP_PERIODS
 from gyro_drift_filter.report.run_sums import REST_BLOCK_SECONDS
@@ -343,11 +342,11 @@ class Drawer:
     def _at_rest(self, rest: tuple[int, int], axis: int) -> list[tuple[str, Floats]]:
         """Return role and rates of a rest; lines are drawn over outliers and what is no number."""
         first, stop = rest
-        flagged = Stretch(self.main.columns['outlier'][axis], first, stop)[:] > 0
+        flagged = self.main.columns['outlier'][axis][first:stop] > 0
         of_runs = [(method, run.columns['filtered']) for method, run in self.runs.items()]
         found = []
         for role, columns in [('raw', self.main.columns['raw']), *of_runs]:
-            values = np.asarray(Stretch(columns[axis], first, stop)[:], np.float64)
+            values = np.asarray(columns[axis][first:stop], np.float64)
             good = np.isfinite(values) & ~flagged
             if good.any():
                 found.append((role, bridged(values, good)))
