@@ -32,7 +32,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from benchmark.figures import tell_misses
-from benchmark.vehicles import parsed
+from benchmark.vehicles import vehicle_parser
 from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
 from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.cli.printing import table, tell
@@ -91,7 +91,7 @@ def _after_a_rest(vehicles: Sequence[str], seeds: int) -> tuple[list[list[str]],
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the tables; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments, SOON_KNOWN)
+    options = vehicle_parser(__doc__, SOON_KNOWN).parse_args(arguments)
     rows, missed = [['accelerometer', *options.only]], []
     found: dict[str, list[float]] = {name: [] for name in ACCELEROMETERS}
     for vehicle in options.only:

@@ -31,7 +31,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from distributed import Client
@@ -93,15 +94,8 @@ def _planted(folder: Path, settings: FleetSettings) -> Iterator[Figure]:
     )
     title = f'planted faults that rank first, seed {settings.seed}'
     yield Figure.of_ratio(title, '{}', (found, len(planted)), 'planted', 1.0, at_least=True)
-    beside = len(named.keys() - planted.keys())
-    yield Figure(
-        'other sensors that are named',
-        f'{beside}',
-        '0',
-        f'of {settings.robots - len(planted)}',
-        beside,
-        0.0,
-    )
+    beside, sound = len(named.keys() - planted.keys()), settings.robots - len(planted)
+    yield Figure('other sensors that are named', f'{beside}', '0', f'of {sound}', beside, 0.0)
     failed = {row['source'] for row in fleet.to_pylist() if row['error']}
     explained = len(failed & {str(bag) for bag in broken})
     numbers = explained, len(broken)
@@ -113,14 +107,8 @@ def tables(_: Path, count: int) -> Iterator[Figure]:
     for name, world in WORLDS.items():
         fleets = [judge_fleet(draw_fleet(world, seed)) for seed in range(count)]
         named = sum(any(sensor.size for sensor in fleet) for fleet in fleets)
-        yield Figure(
-            f'fleets with a false finding: {name}',
-            f'{named}',
-            '0',
-            f'of {count}',
-            named / count,
-            0.05,
-        )
+        title = f'fleets with a false finding: {name}'
+        yield Figure(title, f'{named}', '0', f'of {count}', named / count, 0.05)
     for planted in FAULTS:
         found = [
             any(change.certain and change.quantity == planted.quantity for change in sensor.changes)
@@ -279,17 +267,21 @@ def main() -> int:
     parser.add_argument('--fleets', type=int, default=100, help='drawn of each kind, default 100')
     parser.add_argument('--json', type=Path)
     options = parser.parse_args()
+    runs: dict[str, list[Callable[[Path], Iterator[Figure]]]] = {
+        'faults': [partial(faults, seed=seed) for seed in options.seeds],
+        'others': [partial(others, seed=seed) for seed in options.seeds],
+        'tables': [partial(tables, count=options.fleets)],
+        'speed': [speed],
+        'scheduler': [partial(scheduler, count=options.bags)],
+        'memory': [memory],
+        'interrupted': [interrupted],
+    }
     figures: list[Figure] = []
     for part in options.only:
         tell(f'{part} ...')
-        for arguments in {
-            'faults': [(seed,) for seed in options.seeds],
-            'others': [(seed,) for seed in options.seeds],
-            'tables': [(options.fleets,)],
-            'scheduler': [(options.bags,)],
-        }.get(part, [()]):
+        for measured in runs[part]:
             with tempfile.TemporaryDirectory() as folder:
-                figures += globals()[part](Path(folder), *arguments)
+                figures += measured(Path(folder))
     return tell_figures(figures, options.json)
 
 

@@ -59,9 +59,8 @@ with AnyReader([Path(sys.argv[1])]) as reader:
 
 def drift(seed: int, phi: float) -> Floats:
     """Return AR(1) noise (n,) of deviation 1."""
-    return autoregressive(np.random.default_rng([seed, 1]), SAMPLES, phi, np.sqrt(1.0 - phi * phi))[
-        :, 0
-    ]
+    random = np.random.default_rng([seed, 1])
+    return autoregressive(random, SAMPLES, phi, np.sqrt(1.0 - phi * phi))[:, 0]
 
 
 def alone(phi: float, seeds: int) -> list[str]:

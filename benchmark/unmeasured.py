@@ -28,7 +28,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmark.figures import tell_misses
-from benchmark.vehicles import parsed
+from benchmark.vehicles import vehicle_parser
 from benchmark.without_rest import SAMPLE_RATE, SOON_KNOWN, started_in_motion
 from gyro_drift_filter.arrays import Bools
 from gyro_drift_filter.cli.printing import table, tell
@@ -69,7 +69,7 @@ def largest_bias(of: Ride, lost: Bools, kind: str) -> float:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments, SOON_KNOWN)
+    options = vehicle_parser(__doc__, SOON_KNOWN).parse_args(arguments)
     rides = []
     for name in options.only:
         tell(f'riding: {name} ...')

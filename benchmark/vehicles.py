@@ -152,23 +152,22 @@ def misses(name: str, of_vehicle: Sequence[Judged]) -> list[str]:
     return found
 
 
-def parsed(
-    description: str | None, arguments: Sequence[str] | None, names: Sequence[str]
-) -> argparse.Namespace:
-    """Return the options of a benchmark on vehicles, and on recordings if it is given any."""
+def vehicle_parser(description: str | None, names: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark on some of the vehicles with these names."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument('--seeds', type=int, default=6, help='default %(default)s')
     parser.add_argument('--only', nargs='+', choices=names, default=list(names))
     parser.add_argument('--check', action='store_true', help='exit 1 where a bar does not hold')
-    parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
-    return parser.parse_args(arguments)
+    return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments, list(ALL_VEHICLES))
+    parser = vehicle_parser(__doc__, list(ALL_VEHICLES))
+    parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
+    options = parser.parse_args(arguments)
     rows = [['', *(f'{name}: off  on  best' for name in FIGURES), 'inside, %']]
     missed, inside = [], []
     for name in options.only:

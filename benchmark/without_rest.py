@@ -38,7 +38,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.figures import tell_misses
-from benchmark.vehicles import parsed
+from benchmark.vehicles import vehicle_parser
 from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.cli.printing import table, tell
 from gyro_drift_filter.core import Filter, Parameters
@@ -176,7 +176,9 @@ def _errors_of(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 where a bar is checked and does not hold."""
-    options = parsed(__doc__, arguments, list(VEHICLES))
+    parser = vehicle_parser(__doc__, list(VEHICLES))
+    parser.add_argument('--data', type=Path, metavar='FOLDER', help='real recordings')
+    options = parser.parse_args(arguments)
     later = (f'after {seconds} s: off  on' for seconds in AFTER)
     rows = [['', 'at the start', *later, 'next run: forgotten  remembered']]
     with_memory = [['bias of an earlier run', 'at the start', *(f'{s} s' for s in AFTER)]]
