@@ -58,7 +58,6 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             'log times are the stamps (a converted recording), so delays can not be seen',
         )
     seconds = float(places[-1] - places[0])
-    is_unset = 1e-9 * float(value_at(log_times, 0)) < EARLIEST
     drift, spread = _slope(places, offsets)
     offset = float(np.median(offsets))
     values: dict[str, Any] = {
@@ -66,25 +65,8 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
         'drift_ppm': 1e6 * drift,
         'drift_ppm_deviation': 1e6 * spread,
     }
-    steps = _steps(offsets)
-    step = float(np.max(np.abs(np.diff(offsets)), initial=0.0))
-    if step > _CLOCK_STEP and max(step, abs(steps.sum())) > 0.5 * float(np.ptp(offsets)):
-        times = f', {len(steps)} times' if len(steps) > 1 else ''
-        advice = 'a clock was set while recording (NTP, PTP): wait for its synchronisation before '
-        advice += 'recording'
-        if abs(step - _OVERFLOW) < _OFFSET:
-            advice = 'seconds of stamps have 32 bits and overflow in January 2038: set the clock '
-            advice += 'of the stamps right, or divide the recording there'
-        elif times:
-            advice = 'is it of a recording that was played again and again, or of several? Else '
-            advice += 'a clock was set while recording (NTP, PTP)'
-        return fault(
-            'clock steps',
-            'the clock of the stamps jumps against the log times by '
-            f'{plain(step)} s at once{times}',
-            advice,
-            values | {'step_seconds': step},
-        )
+    if jump := _jump(offsets, values):
+        return jump
     if abs(drift) > _DRIFT + 3.0 * spread and abs(drift) * seconds > _DRIFT_SECONDS:
         return fault(
             'clock drift',
@@ -95,29 +77,59 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
             'integrated by them are off by the same share',
             values,
         )
+    begin, logged = (1e-9 * float(value_at(times, 0)) for times in (stamps, log_times))
     if abs(offset) > _OFFSET or offset < -_AHEAD:
-        side = 'before' if offset > 0 else 'after'
-        text = f'stamps are {plain(abs(offset))} s {side} the log times'
-        begin = 1e-9 * float(value_at(stamps, 0))
-        if is_unset and offset < 0:
-            text = 'log times are before 2007: the clock of the recorder was not set'
-        if 0.0 <= begin < EARLIEST and offset > _YEAR:
-            text = f'stamps begin at {plain(begin, 4)} s: they count from the start of '
-            text += 'sensor or driver'
-        return fault(
-            'clock offset',
-            text,
+        return _apart(offset, begin, logged, values)
+    unset = '; both before 2007, as in a simulation or where none was set'
+    return sound(
+        name,
+        f'logged {1e3 * offset:.2g} ms after the stamp, clocks within '
+        f'{max(1e6 * abs(drift), 1.0):.0f} ppm{unset if logged < EARLIEST else ""}',
+        values,
+    )
+
+
+def _jump(offsets: Floats, values: dict[str, Any]) -> Finding | None:
+    """Return by how much one clock jumps against the other; None where it does not."""
+    steps = _steps(offsets)
+    step = float(np.max(np.abs(np.diff(offsets)), initial=0.0))
+    if step <= _CLOCK_STEP or max(step, abs(steps.sum())) <= 0.5 * float(np.ptp(offsets)):
+        return None
+    was_set = 'a clock was set while recording (NTP, PTP)'
+    advice, times = f'{was_set}: wait for its synchronisation before recording', ''
+    if len(steps) > 1:
+        advice = (
+            f'is it of a recording that was played again and again, or of several? Else {was_set}'
+        )
+        times = f', {len(steps)} times'
+    if abs(step - _OVERFLOW) < _OFFSET:
+        advice = (
+            'seconds of stamps have 32 bits and overflow in January 2038: set the clock of the '
+            'stamps right, or divide the recording there'
+        )
+    return fault(
+        'clock steps',
+        f'the clock of the stamps jumps against the log times by {plain(step)} s at once{times}',
+        advice,
+        values | {'step_seconds': step},
+    )
+
+
+def _apart(offset: float, begin: float, logged: float, values: dict[str, Any]) -> Finding:
+    """Say what an offset in s means, by the first stamp and the first log time in s."""
+    side = 'before' if offset > 0 else 'after'
+    text = f'stamps are {plain(abs(offset))} s {side} the log times'
+    if logged < EARLIEST and offset < 0:
+        text = 'log times are before 2007: the clock of the recorder was not set'
+    if 0.0 <= begin < EARLIEST and offset > _YEAR:
+        text = f'stamps begin at {plain(begin, 4)} s: they count from the start of sensor or driver'
+    advice = 'stamps lie in the future: look at the clocks of sensor and recorder'
+    if offset > 0:
+        advice = (
             'the sensor has a clock of its own or stamps late: a fusion by stamps with other '
             'sensors will fail'
-            if offset > 0
-            else 'stamps lie in the future: look at the clocks of sensor and recorder',
-            values,
         )
-    text = f'logged {1e3 * offset:.2g} ms after the stamp, '
-    text += f'clocks within {max(1e6 * abs(drift), 1.0):.0f} ppm'
-    if is_unset:
-        text += '; both before 2007, as in a simulation or where none was set'
-    return sound(name, text, values=values)
+    return fault('clock offset', text, advice, values)
 
 
 def _least_offsets(stamps: Values, log_times: Values) -> tuple[Floats, Floats]:
