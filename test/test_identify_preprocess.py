@@ -20,14 +20,14 @@ from scipy.signal import lfilter
 
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import mean_deviation, preprocess
-from gyro_drift_filter.identify.quiet import Span, find_quiet
+from gyro_drift_filter.identify.quiet import SampleSpan, find_quiet
 from gyro_drift_filter.identify.timing import learn_timing
 
 PERIOD = 0.01
 NOISE = 0.005
 N = 20_000
 TIME = np.arange(N) * PERIOD
-WHOLE = [Span(0, N)]
+WHOLE = [SampleSpan(0, N)]
 
 
 def without_gaps(values, spans):
@@ -120,13 +120,13 @@ def test_samples_that_are_not_finite_are_replaced_and_counted(random):
 def test_spans_share_bias_and_trend(random):
     values = 0.01 + 2e-5 * TIME + noise(random)
     values[8000:12000] = 3.0
-    result = without_gaps(values, [Span(0, 8000), Span(12000, N)])
+    result = without_gaps(values, [SampleSpan(0, 8000), SampleSpan(12000, N)])
     assert [len(span) for span in result.residuals] == [8000, 8000]
     np.testing.assert_allclose(result.trend, [2e-5], rtol=0.05)
 
 
 def test_the_trend_counts_a_gap_of_time(random):
-    pieces = [Span(0, N // 2), Span(N // 2, N)]
+    pieces = [SampleSpan(0, N // 2), SampleSpan(N // 2, N)]
     time = np.where(TIME < 100, TIME, TIME + 500)
     values = 1e-5 * time + noise(random)
     result = preprocess(values, pieces, PERIOD, begins=[0.0, 600.0])
@@ -140,7 +140,7 @@ def test_the_trend_counts_a_gap_of_time(random):
 )
 def test_too_little_is_an_error(values, text):
     with pytest.raises(IdentificationError, match=text):
-        without_gaps(values, [Span(0, len(values))])
+        without_gaps(values, [SampleSpan(0, len(values))])
 
 
 @pytest.mark.slow
@@ -155,7 +155,7 @@ def test_the_bias_of_a_real_sensor(real):
 def test_the_bias_is_that_of_the_longest_rest_and_its_error_covers_the_others(random):
     """The mean of a day whose bias moves is that of no time, and was given as known."""
     values = 0.01 + 1e-4 * TIME + noise(random)
-    spans = [Span(0, 2000), Span(6000, 12000), Span(N - 2000, N)]
+    spans = [SampleSpan(0, 2000), SampleSpan(6000, 12000), SampleSpan(N - 2000, N)]
     result = without_gaps(values, spans)
     middles, lengths = np.array([10.0, 90.0, N * PERIOD - 10.0]), [2000, 6000, 2000]
     np.testing.assert_allclose(result.bias, 0.01 + 1e-4 * 90.0, atol=1e-4)
@@ -169,7 +169,7 @@ def test_the_bias_is_that_of_the_longest_rest_and_its_error_covers_the_others(ra
 @pytest.mark.slow
 def test_rests_of_one_bias_show_it_together():
     """What the errors of their means explain is no move of the bias."""
-    spans = [Span(k, k + 1000) for k in range(0, N, 2000)] + [Span(N - 900, N)]
+    spans = [SampleSpan(k, k + 1000) for k in range(0, N, 2000)] + [SampleSpan(N - 900, N)]
     ratios, moves = [], 0
     for seed in range(100):
         values = noise(np.random.default_rng(seed))

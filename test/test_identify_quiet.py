@@ -20,7 +20,7 @@ from scipy.signal import butter, lfilter
 
 from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.identification import identify
-from gyro_drift_filter.identify.quiet import Span, find_quiet
+from gyro_drift_filter.identify.quiet import SampleSpan, find_quiet
 from gyro_drift_filter.identify.timing import Timing, learn_timing
 from gyro_drift_filter.simulation.experiments import autoregressive
 from support.messages import START
@@ -296,7 +296,7 @@ def test_a_gap_ends_a_span_and_a_burst_does_not(random):
     for first in range(4000, 5000, 50):
         stamps[first : first + 50] = stamps[first + 49]
     quiet = find_quiet(learn_timing(stamps), rates, accelerations)
-    assert list(quiet.spans) == [Span(0, 2000), Span(2000, 6000)]
+    assert list(quiet.spans) == [SampleSpan(0, 2000), SampleSpan(2000, 6000)]
 
 
 @pytest.mark.parametrize('shown', [True, False])

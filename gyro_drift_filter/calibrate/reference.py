@@ -34,11 +34,11 @@ from gyro_drift_filter.calibrate.between_rests import Closures
 from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.calibrate.turning import (
-    Together,
+    GroupedSteps,
+    grouped_steps,
     integrals,
     rotations,
     step_vectors,
-    together,
 )
 from gyro_drift_filter.calibrate.unknowns import LATE, MATRIX, TURNED, UNKNOWNS, Residuals
 from gyro_drift_filter.rotations import from_vectors, inverse, multiply, to_vectors
@@ -110,7 +110,7 @@ class _Span:
     stop: int
     samples: slice
     bias: Floats
-    parts: Together
+    parts: GroupedSteps
     used: Bools
 
 
@@ -238,11 +238,11 @@ class ReferenceOfOneRecording:
         body = Rotation.from_quat(self._mount.rotation).apply(turned)
         return np.asarray(track.rates[ends[0] : ends[1] + 1].mean(axis=0) - body)
 
-    def _parts(self, samples: slice, bias: Floats) -> Together:
+    def _parts(self, samples: slice, bias: Floats) -> GroupedSteps:
         """Return the steps of samples, less a bias."""
         steps = np.diff(self._track.seconds[samples])
         rates = self._track.rates[samples] - bias
-        return together(steps, self._track.period, *integrals(rates, steps))
+        return grouped_steps(steps, self._track.period, *integrals(rates, steps))
 
     def residuals(self, unknowns: Floats) -> Residuals:
         """Return all residuals at the unknowns (UNKNOWNS,).

@@ -121,7 +121,7 @@ def make_leg(
         beside = track.accelerations[span] - ahead - share[:, None] * (later - ahead)
     bias += beside @ sensitivity.T
     steps = np.diff(seconds)
-    parts = together(steps, track.period, *integrals(track.rates[span] - bias, steps))
+    parts = grouped_steps(steps, track.period, *integrals(track.rates[span] - bias, steps))
     middle = 0.5 * (share[1:] + share[:-1]) * steps
     return Leg(
         track=number,
@@ -147,7 +147,7 @@ def integrals(rates: Floats, steps: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True)
-class Together:
+class GroupedSteps:
     """Steps that are taken together, m of n.
 
     Attributes:
@@ -165,7 +165,7 @@ class Together:
     coning_before: Floats
 
 
-def together(steps: Floats, period: float, angles: Floats, coning: Floats) -> Together:
+def grouped_steps(steps: Floats, period: float, angles: Floats, coning: Floats) -> GroupedSteps:
     """Take steps (n,) in s of samples that come in a period together, with their two terms."""
     first = np.arange(0, len(steps), max(1, round(STEP_SECONDS / period)))
     sizes = np.diff(first, append=len(steps))
@@ -176,7 +176,7 @@ def together(steps: Floats, period: float, angles: Floats, coning: Floats) -> To
 
     angles_before = before(angles)
     coning = coning + 0.5 * np.cross(angles_before, angles)
-    return Together(
+    return GroupedSteps(
         first=first,
         lengths=np.add.reduceat(steps, first),
         angles=np.add.reduceat(angles, first),

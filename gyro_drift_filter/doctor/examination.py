@@ -43,7 +43,7 @@ from gyro_drift_filter.doctor.rests import (
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.quiet import Span
+from gyro_drift_filter.identify.quiet import SampleSpan
 from gyro_drift_filter.identify.repeats import without_repeats
 from gyro_drift_filter.identify.series import Stretch, Values, parts
 from gyro_drift_filter.identify.timing import OneRate, Timing, learn_timing
@@ -157,7 +157,7 @@ def examine(seen: Examined) -> list[Finding]:
     findings.append(judge_resolution(np.array(state.count_size), rests))
     findings.append(judge_vibration(seen.rates, period))
     findings += judge_covariances(seen.stated, rests.noise, rests.force_noise)
-    everything = Span(0, len(seen.stamps))
+    everything = SampleSpan(0, len(seen.stamps))
     recorded, rested = (
         _seconds(spans, rates, period) for spans in ((everything,), rests.stretches)
     )
@@ -208,7 +208,7 @@ def _judge_evenness(
     return replace(of_others, text=f'{of_others.text}, but for those of repeated samples')
 
 
-def _seconds(spans: Sequence[Span], rates: Sequence[OneRate], period: float) -> float:
+def _seconds(spans: Sequence[SampleSpan], rates: Sequence[OneRate], period: float) -> float:
     """Return how long samples last in s, each of them a period or that of its time."""
     if not rates:
         return sum(map(len, spans)) * period

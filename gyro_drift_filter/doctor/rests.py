@@ -25,7 +25,7 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.gravity import GRAVITY
 from gyro_drift_filter.identify.blocks import row_medians, runs_of
-from gyro_drift_filter.identify.quiet import Span
+from gyro_drift_filter.identify.quiet import SampleSpan
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
 
@@ -67,14 +67,14 @@ class AtRest:
         force_noise: (3,) as `noise`, of the accelerations in m/s^2.
     """
 
-    stretches: tuple[Span, ...]
+    stretches: tuple[SampleSpan, ...]
     samples: int
     noise: Floats
     forces: Floats
     force_noise: Floats
 
 
-def stretches_of(flags: Values, shortened: int) -> tuple[Span, ...]:
+def stretches_of(flags: Values, shortened: int) -> tuple[SampleSpan, ...]:
     """Return where flags (n,) are not 0, each shortened at its end by so many samples.
 
     What is very short then is left out, and what is longer than a part is cut.
@@ -83,7 +83,7 @@ def stretches_of(flags: Values, shortened: int) -> tuple[Span, ...]:
     for begin in range(0, len(flags), LARGEST_PART):
         part = np.asarray(flags[begin : begin + LARGEST_PART]) != 0
         found += [
-            Span(first, stop - shortened)
+            SampleSpan(first, stop - shortened)
             for first, stop in (runs_of(part) + begin).tolist()
             if stop - shortened - first >= _LEAST_SAMPLES
         ]

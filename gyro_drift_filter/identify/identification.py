@@ -51,7 +51,7 @@ from gyro_drift_filter.identify.quiet import (
     SHORTEST_QUIET,
     SHORTEST_SECONDS,
     Quiet,
-    Span,
+    SampleSpan,
     find_quiet,
 )
 from gyro_drift_filter.identify.repeats import Repeats, count_repeats
@@ -145,7 +145,7 @@ class _Rests:
     quiet: Quiet
     stamps: Integers | Stored
 
-    def length(self, span: Span) -> float:
+    def length(self, span: SampleSpan) -> float:
         """Return how long a span lasts in s."""
         return self.timing.seconds_of(self.stamps, span.first, span.stop)
 
@@ -330,7 +330,7 @@ def _about_axes(axes: Sequence[AxisModel | DeadAxis]) -> list[str]:
 
 def _identify_axis(
     rate: Values,
-    spans: Sequence[Span],
+    spans: Sequence[SampleSpan],
     begins: Sequence[float],
     period: float,
     name: str,

@@ -28,7 +28,7 @@ from scipy.stats import chi2
 from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION, block_rows, row_medians
 from gyro_drift_filter.identify.errors import IdentificationError
-from gyro_drift_filter.identify.quiet import Span
+from gyro_drift_filter.identify.quiet import SampleSpan
 from gyro_drift_filter.identify.series import (
     Ramp,
     Stored,
@@ -95,7 +95,7 @@ class Preprocessed:
 
 
 def preprocess(
-    rate: Values, spans: Sequence[Span], period: float, begins: Sequence[float]
+    rate: Values, spans: Sequence[SampleSpan], period: float, begins: Sequence[float]
 ) -> Preprocessed:
     """Return the residuals of one axis over the motionless spans, and what was taken out.
 

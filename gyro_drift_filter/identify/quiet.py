@@ -61,7 +61,7 @@ DEAD_ACCELEROMETER = 1e-9
 
 
 @dataclass(frozen=True)
-class Span:
+class SampleSpan:
     """A stretch of samples: `first` up to, and without, `stop`."""
 
     first: int
@@ -83,7 +83,7 @@ class OtherRate:
             another one there. False where it may as well be a slow turn.
     """
 
-    span: Span
+    span: SampleSpan
     step: tuple[float, ...]
     turns_not: bool
 
@@ -103,8 +103,8 @@ class Quiet:
             tells whether that is the sensor's own filter.
     """
 
-    spans: tuple[Span, ...]
-    longest: Span | None
+    spans: tuple[SampleSpan, ...]
+    longest: SampleSpan | None
     missing: int
     noise: tuple[float, ...]
     accelerometer: bool
@@ -205,23 +205,23 @@ def _shrink(still: Bools, windows: Windows) -> Bools:
     return out
 
 
-def _join(still: Bools, windows: Windows) -> list[Span]:
+def _join(still: Bools, windows: Windows) -> list[SampleSpan]:
     """Return runs of still windows within the same part as spans."""
-    spans: list[Span] = []
+    spans: list[SampleSpan] = []
     part = -1
     for k in np.flatnonzero(still):
         first, stop = int(windows.first[k]), int(windows.stop[k])
         if spans and spans[-1].stop == first and part == windows.part[k]:
-            spans[-1] = Span(spans[-1].first, stop)
+            spans[-1] = SampleSpan(spans[-1].first, stop)
         else:
-            spans.append(Span(first, stop))
+            spans.append(SampleSpan(first, stop))
         part = int(windows.part[k])
     return spans
 
 
 def _same_rate(
-    spans: list[Span], windows: Windows, looks: Sequence[Look], period: float
-) -> tuple[list[Span], list[OtherRate]]:
+    spans: list[SampleSpan], windows: Windows, looks: Sequence[Look], period: float
+) -> tuple[list[SampleSpan], list[OtherRate]]:
     """Leave out spans whose rate is another than that of the accepted one beside them.
 
     A turn at constant rate between two rests is quiet in itself. The longest span is taken as
@@ -234,12 +234,12 @@ def _same_rate(
     limits = np.array([seen.limit for seen in looks])
     others: list[OtherRate] = []
 
-    def end_mean(span: Span, *, last: bool) -> Floats:
+    def end_mean(span: SampleSpan, *, last: bool) -> Floats:
         inside = _inside(span, windows)
         near = inside[-SLOW_WINDOWS:] if last else inside[:SLOW_WINDOWS]
         return np.asarray(np.median(means[:3, near], axis=1))
 
-    def walk(following: list[Span], *, forward: bool) -> list[Span]:
+    def walk(following: list[SampleSpan], *, forward: bool) -> list[SampleSpan]:
         kept, reference = [], spans[longest]
         for span in following:
             step = end_mean(span, last=not forward) - end_mean(reference, last=forward)
@@ -257,7 +257,7 @@ def _same_rate(
     return kept, sorted(others, key=lambda other: other.span.first)
 
 
-def _inside(span: Span, windows: Windows) -> Integers:
+def _inside(span: SampleSpan, windows: Windows) -> Integers:
     """Return the indices of the windows of a span."""
     return np.flatnonzero((windows.first >= span.first) & (windows.stop <= span.stop))
 
