@@ -22,16 +22,15 @@ noise beside it. Choice: how often the order of the model is found. With --bag a
 """
 
 import argparse
-import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
+from benchmark.measure import median_costs
 from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.identify.models import choose, fit_arma, fit_drift_and_white
@@ -111,20 +110,17 @@ def choice(name: str, phi: Sequence[float], theta: Sequence[float], seeds: int) 
 
 def timed(bag: Path) -> list[list[str]]:
     """Return the rows of the speed table: medians of interleaved runs of whole processes."""
-    command = Path(sys.executable).with_name('gyro_drift')
-    seconds: dict[str, list[float]] = {'identify': [], 'read and deserialize': []}
-    for _ in range(_REPETITIONS):
-        with tempfile.TemporaryDirectory() as folder:
-            for name, arguments in (
-                ('identify', [str(command), 'identify', str(bag), '-o', f'{folder}/model.yaml']),
-                ('read and deserialize', [sys.executable, '-c', _DESERIALIZE, str(bag)]),
-            ):
-                begin = time.perf_counter()
-                subprocess.run(arguments, capture_output=True, check=True)
-                seconds[name].append(time.perf_counter() - begin)
-    medians = {name: float(np.median(values)) for name, values in seconds.items()}
-    rows = [[name, f'{value:.2f}'] for name, value in medians.items()]
-    return [*rows, ['ratio', f'{medians["identify"] / medians["read and deserialize"]:.2f}']]
+    command, path = str(Path(sys.executable).with_name('gyro_drift')), str(bag.absolute())
+    with tempfile.TemporaryDirectory() as folder:
+        model = Path(folder, 'model.yaml')
+        commands = {
+            'identify': [command, 'identify', path, '-o', str(model)],
+            'read and deserialize': [sys.executable, '-c', _DESERIALIZE, path],
+        }
+        costs = median_costs(commands, _REPETITIONS, lambda: model.unlink(missing_ok=True))
+    rows = [[name, f'{cost.seconds:.2f}'] for name, cost in costs.items()]
+    ratio = costs['identify'].seconds / costs['read and deserialize'].seconds
+    return [*rows, ['ratio', f'{ratio:.2f}']]
 
 
 def main() -> None:

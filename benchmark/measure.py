@@ -18,7 +18,7 @@ import json
 import statistics
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -75,7 +75,7 @@ def cost_of(command: Sequence[str]) -> Cost:
 
 
 def median_costs(
-    commands: dict[str, Sequence[str]], repetitions: int, clear: Callable[[], None]
+    commands: Mapping[str, Sequence[str]], repetitions: int, clear: Callable[[], None]
 ) -> dict[str, Cost]:
     """Run commands in turn, several times; return the median of each figure.
 

@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
     """Run the subcommand."""
     from gyro_drift_filter.bags.recording import BagError
     from gyro_drift_filter.bags.selection import Selection
-    from gyro_drift_filter.recordings.flagged import read_flagged
+    from gyro_drift_filter.recordings.filtered import read_flagged
 
     start, end = between(options)
     check_targets({'--json': options.json})

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A recording through one or several filters at once, with all that the report draws of it."""
+"""A recording through filters: with all that the report draws of it, or what one has flagged."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -32,6 +32,7 @@ from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.identify.series import Stored, append_rows, stacked, stored_columns
 from gyro_drift_filter.messages.imu import IMU_TYPE, ImuKind
 from gyro_drift_filter.messages.summary import Summary
+from gyro_drift_filter.report.flagged import FlaggedLog
 from gyro_drift_filter.report.signals import COMPARED, Signals
 
 
@@ -151,3 +152,32 @@ def filter_recording(
     recorded = filtered.beside(main, summary.start)
     frame = runs[0].filters[0].messages.report().frame
     return Filtered(signals, summaries, recorded, frame, count)
+
+
+def read_flagged(
+    bag: Path,
+    parameters: Parameters,
+    selection: Selection,
+    progress: Callable[[int, int], None],
+) -> tuple[Summary, FlaggedLog]:
+    """Send one Imu topic of a recording through the filter; return what was done, and flagged.
+
+    Raises:
+        BagError: The bag can't be read, or holds no message with an angular velocity.
+    """
+    logs: list[FlaggedLog] = []
+
+    def watched(topic: str, filter_: Filter) -> FlaggedLog:
+        logs.append(FlaggedLog(filter_))
+        return logs[-1]
+
+    with open_bag(bag) as recording:
+        inputs, hint = selection.inputs(recording), selection.hint_topic(recording)
+        output = NoOutput(1)
+        run = ReplayRun(recording, output, parameters, inputs, watched, hint, is_judged=False)
+        for piece in selection.pieces(recording, progress):
+            run.take(piece)
+        (summary,) = run.finish()
+    if not logs[0].samples:
+        raise BagError(why_nothing(summary))
+    return summary, logs[0]
