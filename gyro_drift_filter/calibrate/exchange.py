@@ -28,7 +28,7 @@ from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.errors import CalibrationError
 
 
-class Foreign(NamedTuple):
+class ForeignCalibration(NamedTuple):
     """What a file of another program says: rate = matrix (raw - bias).
 
     Attributes:
@@ -59,7 +59,7 @@ class Noise(NamedTuple):
     sample_rate: float
 
 
-def from_kalibr(document: Any) -> Foreign:
+def from_kalibr(document: Any) -> ForeignCalibration:
     """Return what a Kalibr file says, as PyYAML has loaded it.
 
     Raises:
@@ -74,11 +74,11 @@ def from_kalibr(document: Any) -> Foreign:
             matrix = np.asarray(np.linalg.inv(measured), np.float64)
             sensitivity = _matrix(gyroscopes.get('A', np.zeros((3, 3))), 'A')
             if not sensitivity.any():
-                return Foreign(matrix)
+                return ForeignCalibration(matrix)
             accelerometers = imu.get('accelerometers')
             raw = accelerometers.get('M') if isinstance(accelerometers, dict) else np.eye(3)
             by_raw = np.linalg.inv(_invertible(raw, 'M of the accelerometers'))
-            return Foreign(matrix, None, sensitivity @ turned @ by_raw)
+            return ForeignCalibration(matrix, None, sensitivity @ turned @ by_raw)
     raise CalibrationError(
         "no gyroscopes' M in the file: Kalibr writes it with --imu-models scale-misalignment"
     )
@@ -101,7 +101,7 @@ def _invertible(value: Any, name: str) -> Floats:
     return matrix
 
 
-def from_imu_tk(text: str) -> Foreign:
+def from_imu_tk(text: str) -> ForeignCalibration:
     """Return what a .calib file of imu_tk says.
 
     Raises:
@@ -118,7 +118,7 @@ def from_imu_tk(text: str) -> Foreign:
     if not np.isfinite(numbers).all():
         raise CalibrationError('the .calib file holds numbers that are not finite')
     matrix = numbers[:9].reshape(3, 3) @ numbers[9:18].reshape(3, 3)
-    return Foreign(matrix, numbers[18:])
+    return ForeignCalibration(matrix, numbers[18:])
 
 
 def to_kalibr(

@@ -21,7 +21,7 @@ import numpy as np
 
 from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.between_rests import Closures
-from gyro_drift_filter.calibrate.exchange import Foreign
+from gyro_drift_filter.calibrate.exchange import ForeignCalibration
 from gyro_drift_filter.calibrate.results import Calibration, ReferenceFit, name_of_entry
 from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, parameter_text, today
 from gyro_drift_filter.cli.printing import table
@@ -151,7 +151,7 @@ def parameter_file(result: Calibration, source: str) -> str:
     return parameter_text(head, values, remarks)
 
 
-def foreign_file(found: Foreign, source: str) -> str:
+def foreign_file(found: ForeignCalibration, source: str) -> str:
     """Return the text of a ROS 2 parameter file with what a file of another program says.
 
     Raises:
