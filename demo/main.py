@@ -27,14 +27,13 @@ import shutil
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
-from rosbags.highlevel import AnyReader
 
 from demo.figures import draw_dynamic, draw_heading, draw_static
 from gyro_drift_filter.arrays import Bools, Floats
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
+from gyro_drift_filter.bags.message_types import read_message
 from gyro_drift_filter.bags.opening import open_bag
 from gyro_drift_filter.bags.recording import messages
 from gyro_drift_filter.bags.replay import replay
@@ -175,11 +174,11 @@ def read_rates(bag: Path, topic: str) -> Floats:
 def read_flags(bag: Path) -> Bools:
     """Return the outlier flags (n, 3) that a replay with diagnostics has written."""
     topic = _TOPICS.sample('outlier')
-    with AnyReader([bag]) as reader:
-        connections = [c for c in reader.connections if c.topic == topic]
+    with open_bag(bag) as reader:
         vectors = [
-            cast(Any, reader.deserialize(data, connection.msgtype)).vector
-            for connection, _, data in reader.messages(connections)
+            read_message(data, connection).vector
+            for connection, _, data in messages(reader)
+            if connection.topic == topic
         ]
     return np.array([(v.x, v.y, v.z) for v in vectors]) > 0
 
