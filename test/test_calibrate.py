@@ -21,9 +21,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.bags.imu_arrays import read_imu_arrays
-from gyro_drift_filter.calibrate import turning
+from gyro_drift_filter.calibrate import CalibrationError, turning
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
-from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.rests import find_rests
 from gyro_drift_filter.calibrate.track import make_track
 from gyro_drift_filter.calibrate.turning import (

@@ -23,7 +23,7 @@ import yaml
 from matplotlib import image
 from scipy.spatial.transform import Rotation
 
-from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise, from_imu_tk, from_kalibr, lacking, to_kalibr
 from gyro_drift_filter.calibrate.rests import find_rests
 from gyro_drift_filter.calibrate.track import make_track

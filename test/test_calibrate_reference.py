@@ -23,10 +23,9 @@ from scipy.spatial.transform import Rotation
 from gyro_drift_filter.bags.message_types import message_type, serialize
 from gyro_drift_filter.bags.orientations import read_orientations
 from gyro_drift_filter.bags.recording import BagError
+from gyro_drift_filter.calibrate import CalibrationError, turning
 from gyro_drift_filter.calibrate import reference as reference_module
-from gyro_drift_filter.calibrate import turning
 from gyro_drift_filter.calibrate.calibration import Samples, calibrate
-from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Mount, Reference, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.track import make_track
 from gyro_drift_filter.calibrate.unknowns import MATRIX, start

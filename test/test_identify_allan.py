@@ -17,8 +17,8 @@
 import numpy as np
 import pytest
 
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.allan import allan_deviation
-from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import preprocess
 from gyro_drift_filter.identify.quiet import find_quiet
 from gyro_drift_filter.identify.timing import learn_timing

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.checks import (
     check_normality,
     check_quantisation,
@@ -28,7 +29,6 @@ from gyro_drift_filter.identify.checks import (
     find_step,
     require_noise,
 )
-from gyro_drift_filter.identify.errors import IdentificationError
 
 NOISE = 0.005
 N = 20_000

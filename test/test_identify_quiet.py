@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.identification import identify
 from gyro_drift_filter.identify.quiet import SampleSpan, find_quiet
 from gyro_drift_filter.identify.timing import Timing, learn_timing

@@ -20,9 +20,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gyro_drift_filter.identify import allan, series, spectrum
+from gyro_drift_filter.identify import IdentificationError, allan, series, spectrum
 from gyro_drift_filter.identify.allan import allan_deviation
-from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.series import Ramp, Stored, Stretch, block_means, parts, thinned
 from gyro_drift_filter.identify.tones import find_tones
 

@@ -19,7 +19,7 @@ import pytest
 
 from benchmark import drivers
 from gyro_drift_filter.fleet.noise import identify_noise
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.series import columns
 from gyro_drift_filter.identify.timing import learn_timing, learn_timings
 

@@ -13,3 +13,9 @@
 # limitations under the License.
 
 """Scale and misalignment of the axes of a gyroscope, from turns, rests and references."""
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+
+class CalibrationError(GyroDriftFilterError):
+    """A recording does not tell scale and misalignment; the text says why and what to do."""

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gyro_drift_filter.arrays import Floats, Integers
+from gyro_drift_filter.calibrate import CalibrationError
 from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording
-from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.reference import Reference, ReferenceOfOneRecording
 from gyro_drift_filter.calibrate.rests import Rests, find_rests
 from gyro_drift_filter.calibrate.results import Calibration, make_result, what_is_left_out

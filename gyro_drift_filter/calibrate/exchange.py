@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gyro_drift_filter.arrays import Floats
-from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate import CalibrationError
 
 
 class ForeignCalibration(NamedTuple):

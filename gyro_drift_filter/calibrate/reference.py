@@ -30,8 +30,8 @@ from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from gyro_drift_filter.arrays import Bools, Floats, Integers
+from gyro_drift_filter.calibrate import CalibrationError
 from gyro_drift_filter.calibrate.between_rests import Closures
-from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.calibrate.turning import (
     GroupedSteps,

@@ -26,7 +26,7 @@ from itertools import pairwise
 import numpy as np
 
 from gyro_drift_filter.arrays import Floats
-from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate import CalibrationError
 from gyro_drift_filter.calibrate.track import Track
 from gyro_drift_filter.gravity import GRAVITY
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gyro_drift_filter.arrays import Floats
+from gyro_drift_filter.calibrate import CalibrationError
 from gyro_drift_filter.calibrate.between_rests import Closures, RestsOfOneRecording
-from gyro_drift_filter.calibrate.errors import CalibrationError
 from gyro_drift_filter.calibrate.exchange import Noise
 from gyro_drift_filter.calibrate.rests import LARGEST_TILT, Rests
 from gyro_drift_filter.calibrate.sensitivity import AccelerationSensitivity

@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from gyro_drift_filter.arrays import Bools, Floats, Integers
-from gyro_drift_filter.calibrate.errors import CalibrationError
+from gyro_drift_filter.calibrate import CalibrationError
 from gyro_drift_filter.core.sample import LARGEST_RATE
 from gyro_drift_filter.phrases import without_rate
 

@@ -33,7 +33,7 @@ from gyro_drift_filter.cli.progress import Progress, prepare_kernels
 from gyro_drift_filter.cli.result_files import check_targets, with_files
 from gyro_drift_filter.cli.signals import EndedBySignal
 from gyro_drift_filter.errors import GyroDriftFilterError, printable, reason
-from gyro_drift_filter.fleet.folder import BAGS, REPORTS, RESULTS, TABLE
+from gyro_drift_filter.fleet import BAGS, REPORTS, RESULTS, TABLE
 from gyro_drift_filter.phrases import counted
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from gyro_drift_filter.cli.packages import needing_fleet
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.cli.result_files import add_json_option, as_plain, check_targets, saying
 from gyro_drift_filter.errors import printable
-from gyro_drift_filter.fleet.folder import REPORTS, TABLE
+from gyro_drift_filter.fleet import REPORTS, TABLE
 from gyro_drift_filter.whole_file import write_whole
 
 if TYPE_CHECKING:

@@ -42,7 +42,7 @@ from gyro_drift_filter.doctor.rests import (
     look_at_rests,
 )
 from gyro_drift_filter.doctor.vibration import judge_vibration
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.quiet import SampleSpan
 from gyro_drift_filter.identify.repeats import without_repeats
 from gyro_drift_filter.identify.series import Stretch, Values, parts

@@ -13,3 +13,9 @@
 # limitations under the License.
 
 """Many bags of many robots: one table of all, and which sensors get worse."""
+
+# What is where in the folder of a fleet.
+TABLE = 'fleet.parquet'
+RESULTS = 'results'  # of single bags, for --resume
+BAGS = 'bags'  # filtered ones
+REPORTS = 'reports'

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gyro_drift_filter.arrays import Floats, Integers
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.allan import Allan, allan_deviation
-from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import Preprocessed, preprocess
 from gyro_drift_filter.identify.quiet import SHORTEST_QUIET, find_quiet
 from gyro_drift_filter.identify.series import Values

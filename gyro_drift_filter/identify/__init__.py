@@ -13,3 +13,9 @@
 # limitations under the License.
 
 """The drift model from a motionless recording: the paper's section 2. No ROS, no files."""
+
+from gyro_drift_filter.errors import GyroDriftFilterError
+
+
+class IdentificationError(GyroDriftFilterError):
+    """A recording, or an axis of it, can't be identified; the text says why and what to do."""

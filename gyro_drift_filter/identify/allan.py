@@ -33,7 +33,7 @@ import allantools
 import numpy as np
 
 from gyro_drift_filter.arrays import Bools, Floats, Integers
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.series import LARGEST_PART, Stretch, Values, block_means, parts
 from gyro_drift_filter.phrases import plain
 

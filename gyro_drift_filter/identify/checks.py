@@ -27,7 +27,7 @@ import numpy as np
 from statsmodels.tsa.stattools import adfuller, kpss
 
 from gyro_drift_filter.arrays import Floats
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.preprocess import mean_deviation
 from gyro_drift_filter.identify.series import (
     Values,

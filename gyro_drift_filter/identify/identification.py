@@ -23,6 +23,7 @@ import numpy as np
 from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.core.sample import LARGEST_RATE
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.allan import Allan, allan_deviation
 from gyro_drift_filter.identify.checks import (
     Check,
@@ -33,7 +34,6 @@ from gyro_drift_filter.identify.checks import (
     dead_value,
     require_noise,
 )
-from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.models import (
     ORDERS,
     ArmaFit,

@@ -26,8 +26,8 @@ import numpy as np
 from scipy.stats import chi2
 
 from gyro_drift_filter.arrays import Bools, Floats
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.blocks import PER_MEDIAN_DEVIATION, block_rows, row_medians
-from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.quiet import SampleSpan
 from gyro_drift_filter.identify.series import (
     Ramp,

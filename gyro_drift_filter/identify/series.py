@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.arrays import Floats
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 
 # What is worked on at once. A million samples are 8 MB, and an hour and a half at 200 Hz.
 LARGEST_PART = 1 << 20

@@ -30,7 +30,7 @@ import numpy as np
 
 from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.core.clock.periods import BLOCK_SAMPLES, OTHER_PERIOD
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, value_at
 from gyro_drift_filter.phrases import counted
 

@@ -27,7 +27,7 @@ from gyro_drift_filter.arrays import Integers
 from gyro_drift_filter.bags.imu_arrays import ImuPart, imu_parts, usable
 from gyro_drift_filter.bags.recording import BagError
 from gyro_drift_filter.core.sample import LARGEST_ACCELERATION, LARGEST_RATE, SAMPLE
-from gyro_drift_filter.identify.errors import IdentificationError
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.series import Stored, append_rows, stored_columns
 from gyro_drift_filter.identify.timing import learn_timing
 from gyro_drift_filter.phrases import counted, plain

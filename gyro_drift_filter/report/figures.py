@@ -27,9 +27,9 @@ from tsdownsample import MinMaxDownsampler
 
 from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.core.parameters import AXES
+from gyro_drift_filter.identify import IdentificationError
 from gyro_drift_filter.identify.allan import allan_deviation
 from gyro_drift_filter.identify.blocks import runs_of
-from gyro_drift_filter.identify.errors import IdentificationError
 from gyro_drift_filter.identify.preprocess import bridged
 from gyro_drift_filter.identify.spectrum import spectrum
 from gyro_drift_filter.identify.timing import GAP_PERIODS
