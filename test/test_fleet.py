@@ -36,7 +36,6 @@ from distributed import Client
 from gyro_drift_filter.cli.fleet import tell_what_is_gone
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import GyroDriftFilterError, Parameters
-from gyro_drift_filter.fleet.addresses import shown
 from gyro_drift_filter.fleet.bag_report import report_path
 from gyro_drift_filter.fleet.changes import Found, Series, Usual, find_change
 from gyro_drift_filter.fleet.columns import COLUMNS, schema
@@ -44,7 +43,7 @@ from gyro_drift_filter.fleet.health import judge_fleet
 from gyro_drift_filter.fleet.measuring import Job, content_of, measure, written_path
 from gyro_drift_filter.fleet.results import Results
 from gyro_drift_filter.fleet.run import FleetRun
-from gyro_drift_filter.fleet.sources import find_bags
+from gyro_drift_filter.fleet.sources import find_bags, shown
 from gyro_drift_filter.fleet.streamed import BLOCK, Content, StreamedPath
 from gyro_drift_filter.messages.imu import IMU_TYPE
 from gyro_drift_filter.simulation.bag import imu_messages

@@ -39,10 +39,9 @@ from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.examination import Examined, examine
 from gyro_drift_filter.doctor.findings import Finding
 from gyro_drift_filter.errors import GyroDriftFilterError
-from gyro_drift_filter.fleet.addresses import shown
 from gyro_drift_filter.fleet.bag_report import report_path, shown_topic
 from gyro_drift_filter.fleet.noise import AxisNoise, identify_noise
-from gyro_drift_filter.fleet.sources import Bag
+from gyro_drift_filter.fleet.sources import Bag, shown
 from gyro_drift_filter.fleet.streamed import StreamedPath, content_hash
 from gyro_drift_filter.messages.summary import Summary
 from gyro_drift_filter.messages.telemetry import MessageReport, Telemetry

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Find the bags under folders, patterns and addresses of stores."""
+"""Find bags under folders, patterns and addresses of stores, and never show a credential."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,8 +24,7 @@ from typing import Any
 from fsspec.core import url_to_fs
 
 from gyro_drift_filter.bags.opening import FILE_SUFFIXES
-from gyro_drift_filter.errors import GyroDriftFilterError
-from gyro_drift_filter.fleet.addresses import is_remote, shown
+from gyro_drift_filter.errors import GyroDriftFilterError, printable
 from gyro_drift_filter.fleet.streamed import Content, StreamedPath
 
 # No question mark: behind it addresses have what they are signed with.
@@ -33,6 +32,19 @@ _PATTERN = re.compile(r'[*\[]')
 _METADATA = 'metadata.yaml'
 # What stores say of a file that changes with its content: S3, Google's, Azure's.
 _CHECKSUMS = ('ETag', 'md5Hash', 'crc32c', 'content_md5', 'etag')
+# user:password@ behind ://, and what follows a question mark, where signed addresses have theirs.
+_USER = re.compile(r'(?<=://)[^/\s@]*@')
+_QUERY = re.compile(r'(\b[a-z][a-z0-9+.-]*://[^\s?#\'"]*)[?#][^\s\'")]*', re.IGNORECASE)
+
+
+def shown(text: str) -> str:
+    """Return text in one line, with the addresses in it without user, password and query."""
+    return printable(_QUERY.sub(r'\1', _USER.sub('', text)))
+
+
+def _is_remote(address: str) -> bool:
+    """Tell whether an address names a store instead of a path of this machine."""
+    return '://' in address or '::' in address
 
 
 @dataclass(frozen=True)
@@ -159,7 +171,7 @@ def _bags_in(
             bags[path] = {'': detail}
     for path, of_bag in bags.items():
         address = path
-        if is_remote(source):
+        if _is_remote(source):
             address = _with_path(files, source, path)
         name = shown(address)
         folder_name = PurePosixPath(name).parent.name
@@ -192,7 +204,7 @@ def _files_under(files: Any, top: str) -> dict[str, Any]:
 
 def _is_within(bag: Bag, folder: Path | None) -> bool:
     path = bag.address.removeprefix('file://')
-    if folder is None or is_remote(path):
+    if folder is None or _is_remote(path):
         return False
     return Path(path).resolve().is_relative_to(folder.resolve())
 
