@@ -56,14 +56,13 @@ def run(options: argparse.Namespace) -> int:
     with needing('the doctor', 'scipy'):
         import scipy.signal  # noqa: F401
     from gyro_drift_filter.doctor.examination import examine
-    from gyro_drift_filter.doctor.findings import is_sound
     from gyro_drift_filter.recordings.examined import read_recording
 
     prepare_kernels()
     with Progress(enabled=True) as progress:
         topic, examined = read_recording(options.bag, options.topic, when, progress)
     findings = examine(examined)
-    sound = is_sound(findings)
+    sound = not any(finding.is_fault for finding in findings)
     text = page(f'{options.bag.absolute().name}, topic {topic}', findings)
     plain = {'bag': str(options.bag), 'topic': topic, 'sound': sound, 'findings': findings}
     with saying(text, options.json, plain):

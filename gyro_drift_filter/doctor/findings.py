@@ -14,7 +14,6 @@
 
 """What an examination says: one line each, with a verdict."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -67,8 +66,3 @@ def unknown(
 ) -> Finding:
     """Return the line of a question that the recording leaves open."""
     return Finding(name, FindingVerdict.UNKNOWN, text, advice, values or {})
-
-
-def is_sound(findings: Sequence[Finding]) -> bool:
-    """Tell whether there is no fault among the findings."""
-    return not any(finding.is_fault for finding in findings)
