@@ -50,7 +50,7 @@ from gyro_drift_filter.core.rest.standing import (
 from gyro_drift_filter.core.sample import SAMPLE
 from support.messages import START, even_stamps
 from support.rests import between, moving_and_resting, run, shaken, slow_noise
-from support.sensor import DEGREE, at_rest, by_hand, motion_below
+from support.sensor import DEGREE, NOISE, at_rest, by_hand, motion_below
 
 
 def test_rests_between_motion_are_found_and_motion_is_none(random):
@@ -223,6 +223,56 @@ def test_a_vehicle_that_shakes_evenly_and_is_steered_does_not_stand():
     rates[2000:, 2] += 0.3 * DEGREE * between_frequencies(0.1, 0.8)[:, 2]
     results = run(Filter(), rates, accelerations)
     assert results['at_rest'][2500:].mean() < 0.02
+
+
+def driven_straight(random, idles):
+    """Return rates, accelerations and when it moves of a vehicle that shakes evenly on its way.
+
+    Three times it drives for four minutes, steered by 0.1 deg/s, through a curve of 0.3 deg/s, and
+    stops for 20 s. From its first drive on the engine shakes it there, too, by a share `idles`.
+    """
+    parts, moving = [at_rest(random, 15.0)], [np.zeros(1500, bool)]
+    for _ in range(3):
+        for seconds, push in ((12.0, 1.0), (240.0, 0.0), (12.0, -1.0), (20.0, 0.0)):
+            rates, accelerations = at_rest(random, seconds)
+            drives, n = push != 0.0 or seconds > 100.0, len(rates)
+            size = 1.0 if drives else idles
+            rates += 10.0 * NOISE * size * random.standard_normal((n, 3))
+            accelerations += 0.2 * size * random.standard_normal((n, 3))
+            accelerations[:, 0] += push
+            if seconds > 100.0:
+                steered = motion_below(0.8, random, n, 100.0)[:, 2]
+                rates[:, 2] += 0.1 * DEGREE * steered / steered.std()
+                slope = motion_below(0.02, random, n, 100.0)[:, :2]
+                accelerations[:, :2] += 0.1 * slope / slope.std()
+                rates[15_000:18_000, 2] += 0.3 * DEGREE * random.choice([-1.0, 1.0])
+            parts.append((rates, accelerations))
+            moving.append(np.full(n, drives))
+    rates, accelerations = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return rates, accelerations, np.concatenate(moving)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(4))
+def test_a_vehicle_that_shakes_evenly_on_its_way_does_not_stand(seed):
+    """After a minute its shaking was the noise at rest, and half of its way was called rest."""
+    rates, accelerations, moves = driven_straight(np.random.default_rng(seed), 0.0)
+    results = run(Filter(), rates, accelerations)
+    assert results['at_rest'][moves].mean() < 0.01
+    assert results['at_rest'][~moves].mean() > 0.8
+    assert np.abs(results['bias'][1500:]).max() < 0.12 * DEGREE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('idles', [0.15, 0.3, 0.45])
+def test_an_engine_that_idles_behind_straight_drives_hides_no_rest(idles):
+    """It shakes the vehicle less than the way does."""
+    rates, accelerations, moves = driven_straight(np.random.default_rng(4), idles)
+    results = run(Filter(), rates, accelerations)
+    stops = ~moves
+    stops[:3000] = False
+    assert results['at_rest'][moves].mean() < 0.03
+    assert results['at_rest'][stops].mean() > 0.4
 
 
 def test_wheels_that_shake_a_steady_turn_are_no_machine(random):

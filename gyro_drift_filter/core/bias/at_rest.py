@@ -238,7 +238,7 @@ def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None
     """Take in what the block that is complete says of rest, and so of the bias."""
     rest, other = state['rest'], state['other_noise']
     run = rest['run']
-    hand_on_block(rest, other['rest'])
+    hand_on_block(rest, other, lengths)
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     note_stop(state, lengths)

@@ -18,15 +18,21 @@ Where the noise has risen for good nothing is still any more, by what is known o
 known as rest is looked at a second time, by a detector that knows no noise, as before the first
 rest. Where it finds rest with one and the same noise several times, while gravity stands, that is
 the noise at rest from now on. The bias has to be able to have had the rate each time: else the
-vibration of wheels in a steady turn would be confirmed. A robot may drive for long in between.
-Where the noise falls again it is learned as always.
+vibration of wheels in a steady turn would be confirmed. On a straight way it has the rate, so a
+body that has been pushed has to be shaken less than on its way: what it drives on would be
+confirmed. A robot may drive for long in between. Where the noise falls again it is learned as
+always.
 """
 
 import math
 
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, start_rest
-from gyro_drift_filter.core.rest.noise import LARGEST_EXCESS, correlation_of_means
+from gyro_drift_filter.core.rest.noise import (
+    LARGEST_EXCESS,
+    correlation_of_means,
+    forget_noise,
+)
 from gyro_drift_filter.core.rest.records import (
     SEGMENT_BLOCKS,
     SIGNALS,
@@ -35,7 +41,15 @@ from gyro_drift_filter.core.rest.records import (
     Rest,
     RestLengths,
 )
-from gyro_drift_filter.core.rest.segment import scatter_of_means, value_variance
+from gyro_drift_filter.core.rest.segment import (
+    LEAST_VARIANCE,
+    block_moments,
+    is_block_filled,
+    scatter_of_means,
+    segment_mean,
+    value_variance,
+)
+from gyro_drift_filter.core.rest.standing import STEADY_GRAVITY
 
 # A motion may pass for noise once.
 CONFIRMING = 3  # segments
@@ -43,8 +57,10 @@ CONFIRMING = 3  # segments
 # two segments have one and the same noise.
 NOISIER = 2.0
 # A machine that starts shakes gravity for so many blocks at most. If it is shaken for longer, the
-# body has been pushed, and may roll for so many s.
-LONGEST_START, LONGEST_ROLL = 4, 60.0
+# body has been pushed, and may roll. No way is so even that gravity stands for so many s on it.
+LONGEST_START, LONGEST_ROLL = 4, 300.0
+# How strongly a body is shaken on its way is the mean over so many s.
+SHAKEN_SECONDS = 60.0
 # Where the rates wander, the correlation of the means of one block and the next is larger than
 # before by this. Three segments of white noise have it by chance on one axis in a hundred; with
 # each one more it is rarer.
@@ -61,8 +77,11 @@ FORGET_OTHER_NOISE_SECONDS = 10.0
 
 
 @kernel
-def hand_on_block(rest: Rest, other: Rest) -> None:
+def hand_on_block(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> None:
     """Give the other detector the block that is complete, before it is closed."""
+    other = noise['rest']
+    if is_block_filled(rest, lengths):
+        _note_shaking(rest, noise, lengths['block_seconds'])
     other['count'] = rest['count']
     if rest['turned'] == math.inf:
         other['turned'] = math.inf
@@ -72,6 +91,15 @@ def hand_on_block(rest: Rest, other: Rest) -> None:
         taken['origin'] = given['origin']
         taken['sum'] = given['sum']
         taken['squares'] = given['squares']
+
+
+@kernel
+def _note_shaking(rest: Rest, noise: OtherNoise, block_seconds: float) -> None:
+    """Note how strongly the body is shaken, on the mean since the last rest."""
+    blocks = min(rest['blocks_since_rest'] + 1.0, SHAKEN_SECONDS / block_seconds)
+    for i in range(SIGNALS):
+        _, variance = block_moments(rest, i)
+        noise['shaken'][i] += (variance - noise['shaken'][i]) / blocks
 
 
 @kernel
@@ -98,30 +126,51 @@ def confirm_other_noise(
 ) -> None:
     """Take the noise of the segments over where enough of them confirm it, one after the other.
 
-    Each of them `may_be_bias`, as its rate says: what turns is no rest, however steady it is.
+    Each of them `may_be_bias`, as its rate says: what turns is no rest, however steady it is. What
+    may roll does not count, and each segment of it is judged as the first one, so that one of a
+    stop is not taken for more of the same.
     """
     other = noise['rest']
+    if _may_roll(rest, noise, lengths['block_seconds']):
+        next_segment(other, False)
+        forget_noise(other)
+        return
     if may_be_bias:
         _note_segment(noise, lengths['block'])
     else:
         noise['segments'] = 0
     next_segment(other, False)
     stands = rest['standing_seconds'] >= SEGMENT_BLOCKS * lengths['block_seconds']
-    stands = stands and not _may_roll(rest, other, lengths['block_seconds'])
     stands = stands and not _wanders(rest, noise)
     if stands and noise['segments'] >= CONFIRMING and _is_of_a_machine(rest, other):
         _take_noise(rest, other)
 
 
 @kernel
-def _may_roll(rest: Rest, other: Rest, block_seconds: float) -> bool:
+def _may_roll(rest: Rest, noise: OtherNoise, block_seconds: float) -> bool:
     """Return whether the body may have been pushed out of the last rest, and roll since.
 
-    It does so as steadily as it stood, if the ground lets it; but rolling shakes its rates.
+    It does so as steadily as it stood, if the ground lets it. But rolling shakes its rates, and a
+    body that stands is shaken less than it was on its way.
     """
+    standing, other = rest['standing_seconds'], noise['rest']
     since_rest = rest['blocks_since_rest'] * block_seconds
-    pushed = since_rest - rest['standing_seconds'] > LONGEST_START * block_seconds
-    return bool(pushed and since_rest < LONGEST_ROLL and _is_noisier(rest, other, 3))
+    pushed = since_rest - standing > LONGEST_START * block_seconds
+    for i in range(3, SIGNALS):  # it may be pushed evenly since the very last block of the rest
+        moved = segment_mean(other, i) - rest['signals'][i]['before']
+        pushed = pushed or abs(moved) > STEADY_GRAVITY
+    rolls = pushed and standing < LONGEST_ROLL and _is_noisier(rest, other, 3)
+    return rolls and not _is_calmer(noise)
+
+
+@kernel
+def _is_calmer(noise: OtherNoise) -> bool:
+    """Return whether the body is shaken less in the segment than since the last rest."""
+    other, calmer = noise['rest'], 0.0
+    for i in range(SIGNALS):
+        variance = max(value_variance(other, other['signals'][i]), LEAST_VARIANCE)
+        calmer += math.log(max(noise['shaken'][i], LEAST_VARIANCE) / variance)
+    return calmer > SIGNALS * math.log(NOISIER)
 
 
 @kernel

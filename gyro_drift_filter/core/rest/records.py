@@ -156,6 +156,7 @@ class OtherNoise(TypedDict):
     variances: PerSignal  # of values, in its last segment
     segments: int  # that had it, one after the other
     mean_correlation: PerAxis  # of a block mean with the next one, over the last of them
+    shaken: PerSignal  # mean variance of values since the last rest
 
 
 class RestLengths(TypedDict):
