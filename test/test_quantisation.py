@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Counts that a sensor cuts towards zero are found in motion, and undone; others are left alone."""
+"""Counts that a sensor cuts towards zero are found and undone; others are left alone."""
 
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from benchmark.scenarios import motion, stamps
 from gyro_drift_filter.core import Filter, Parameters
@@ -77,6 +78,83 @@ def test_counts_that_are_cut_are_found_and_undone(seed):
     np.testing.assert_allclose(quantisation(filter_)['count'], COUNT, rtol=1e-6)
     # At rest the mean of cut values is off by up to half a count, which is gone.
     np.testing.assert_allclose(results['bias'][-1], BIAS, atol=0.2 * COUNT)
+
+
+def at_rest(counts, seed=1):
+    """Return stamps, rates and accelerations of a rest with such counts."""
+    n = len(counts)
+    force = 0.02 * np.random.default_rng(seed).standard_normal((n, 3))
+    return stamps(n, RATE), counts * COUNT, np.array([0.0, 0.0, 9.81]) + force
+
+
+def slow_noise(n, random, cutoff):
+    """Return noise of deviation one behind a low-pass, `cutoff` in parts of the rate; 0.5 for none.
+
+    It is of the second order.
+    """
+    white = random.standard_normal((n + 1000, 3))
+    if cutoff < 0.5:
+        white = lfilter(*butter(2, 2.0 * cutoff), white, axis=0)
+    return white[1000:] / white[1000:].std(axis=0)
+
+
+@pytest.mark.parametrize('cutoff', [0.5, 0.2])
+@pytest.mark.parametrize('noise', [1.3, 3.0])
+def test_counts_that_are_cut_are_found_in_the_first_rest(random, noise, cutoff):
+    n = int(10 * RATE)
+    values = BIAS / COUNT + noise * slow_noise(n, random, cutoff)
+    filter_ = Filter()
+    results = filter_.run(*at_rest(np.trunc(values)))
+    assert quantisation(filter_)['truncated']
+    # The bias is that of rates with half a count more, and as close as it says.
+    away = np.abs(results['bias'][-1] - BIAS)
+    assert (away < 0.1 * COUNT + 3.0 * filter_.bias_deviation).all()
+    assert (filter_.bias_deviation < 0.25 * COUNT).all()
+    assert results['at_rest'][int(3 * RATE) :].all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('way', ['round', 'floor', 'dead band', 'small dead band', 'none'])
+@pytest.mark.parametrize('cutoff', [0.5, 0.05])
+@pytest.mark.parametrize('noise', [0.5, 1.3, 5.0])
+def test_no_rest_of_another_sensor_shows_a_cut(random, way, cutoff, noise):
+    n = int(200 * RATE)
+    filter_ = Filter()
+    values = np.array([0.1, -0.7, 1.5]) + noise * slow_noise(n, random, cutoff)
+    ways = WAYS | {
+        'none': np.array,
+        'small dead band': lambda x: np.where(np.abs(x) < 1.0, 0.0, np.round(x)),
+    }
+    filter_.run(*at_rest(ways[way](values)))
+    assert not quantisation(filter_)['truncated']
+
+
+def test_a_rest_that_shows_no_cut_is_looked_at_no_further(random):
+    n = int(60 * RATE)
+    filter_ = Filter()
+    filter_.run(*at_rest(np.round(BIAS / COUNT + 1.3 * random.standard_normal((n, 3)))))
+    found = quantisation(filter_)
+    assert found['rest_has_told']
+    assert not found['truncated']
+    assert found['still']['samples'] == 0
+
+
+def test_zeros_of_reads_that_fail_at_rest_are_no_cut(random):
+    n = int(60 * RATE)
+    counts = np.round(np.array([0.2, -0.3, 0.1]) + 1.3 * random.standard_normal((n, 3)))
+    counts[random.random(n) < 0.3] = 0.0
+    filter_ = Filter()
+    filter_.run(*at_rest(counts))
+    assert not quantisation(filter_)['truncated']
+
+
+def test_what_a_rest_shows_changes_no_rates_unless_it_may(random):
+    n = int(10 * RATE)
+    given = at_rest(np.trunc(BIAS / COUNT + 1.3 * random.standard_normal((n, 3))))
+    filter_ = Filter(Parameters(input_quantisation='none'))
+    results = filter_.run(*given)
+    assert quantisation(filter_)['truncated']
+    np.testing.assert_allclose(results['bias'][-1], given[1].mean(axis=0), atol=0.1 * COUNT)
 
 
 @pytest.mark.slow

@@ -211,8 +211,9 @@ class Parameters:
         'auto',
         'input.quantisation',
         'How the sensor quantises. truncate: it cuts values towards zero to whole counts, and half '
-        'a count is added again; round or none: rates are used as they are. auto finds out in '
-        'motion, which takes a few minutes, and adds half a count from then on if it is needed.',
+        'a count is added again; round or none: rates are used as they are. auto finds out at '
+        'rest, within seconds, or in motion, within minutes, and adds half a count from then on if '
+        'it is needed.',
         choices=('auto', 'none', 'round', 'truncate'),
     )
     motion_hint: str = _parameter(

@@ -15,17 +15,28 @@
 """Counts of the converter: how large one is, and whether they are cut towards zero or rounded.
 
 A sensor that cuts loses half a count, always towards zero. At rest with a bias that is a part of
-the bias, in motion about zero it is not, and the heading drifts. It shows in motion: rates that
-come from afar land on each count as often as it is wide, and zero is twice as wide as the others
-where counts are cut. A driver's dead band makes zero wide, too, but takes it from the counts beside
-it. Both are judged over all axes together by the likelihood ratio (Wald's sequential test).
+the bias, in motion about zero it is not, and the heading drifts. The noise at rest shows it
+(`cut_at_rest.py`), and so does motion: rates that come from afar land on each count as often as it
+is wide, and zero is twice as wide as the others where counts are cut. A driver's dead band makes
+zero wide, too, but takes it from the counts beside it. Both are judged over all axes together by
+the likelihood ratio (Wald's sequential test).
 """
 
 import math
 from enum import IntEnum
-from typing import TypedDict
+from typing import Annotated, TypedDict
 
 from gyro_drift_filter.accelerate import CountPerAxis, PerAxis, inlined_kernel, kernel, record
+from gyro_drift_filter.core.cut_at_rest import (
+    COUNTS_AT_REST,
+    LEAST_SAMPLES,
+    CountsAtRest,
+    add_counts_at_rest,
+    evidence_of_cut,
+    forget_counts_at_rest,
+    moments_at_rest,
+    note_count_at_rest,
+)
 from gyro_drift_filter.core.sample import is_zero
 
 # A change of one count is a vote for that count, and one that is smaller, or no whole number of
@@ -52,6 +63,9 @@ SURE = math.log(1000.0)
 # The variance of a value that lies anywhere within a count, in counts squared.
 COUNT_VARIANCE = 1.0 / 12.0
 LARGEST_EVIDENCE = math.log(1e6)
+# Rests are looked at again when they have so many times the samples, and begin anew after so many,
+# as the bias moves on.
+NEXT_LOOK, MOST_SAMPLES = 2, 100_000
 
 
 class Choice(IntEnum):
@@ -76,6 +90,10 @@ class Quantisation(TypedDict):
     wide_zero: float
     whole_neighbours: float
     truncated: bool
+    still: Annotated[CountsAtRest, COUNTS_AT_REST, ()]  # that may be a rest, or part of one
+    rests: Annotated[CountsAtRest, COUNTS_AT_REST, ()]  # before that
+    next_look: int  # at them, with so many samples; 0 for the first one
+    rest_has_told: bool  # whether counts are cut, once
 
 
 QUANTISATION = record(Quantisation)
@@ -112,6 +130,67 @@ def note_counts(state: Quantisation, rate: PerAxis, before: PerAxis) -> bool:
 
 
 @kernel
+def note_still(state: Quantisation, rate: PerAxis) -> None:
+    """Take in rates (3,) in rad/s of what may be a rest, behind `note_counts`."""
+    if state['absent'] or state['truncated'] or state['rest_has_told']:
+        return
+    seen = False
+    for axis in range(3):
+        count = known_count(state, axis)
+        if count == 0.0:
+            continue
+        counts = rate[axis] / count
+        whole = math.floor(counts + 0.5)
+        if abs(counts - whole) < PART:
+            note_count_at_rest(state['still'], axis, whole, state['change'][axis] / count)
+            seen = True
+    state['still']['samples'] += seen
+    state['still']['zeros'] += seen and is_zero(rate)
+
+
+@kernel
+def forget_still(state: Quantisation) -> None:
+    """Forget the last rates that might have been a rest."""
+    forget_counts_at_rest(state['still'])
+
+
+@kernel
+def rest_finds_cut(state: Quantisation) -> bool:
+    """Take in that the last still rates were a rest; return whether rests show now that it cuts.
+
+    Motion may show later that it does not, and then has the last word.
+    """
+    rests = state['rests']
+    add_counts_at_rest(state['still'], rests)
+    if rests['samples'] < max(state['next_look'], LEAST_SAMPLES):
+        return False
+    state['next_look'] = NEXT_LOOK * rests['samples']
+    evidence = evidence_of_cut(rests)
+    state['rest_has_told'] = abs(evidence) > SURE
+    if evidence > SURE:
+        state['truncated'] = True
+        state['wide_zero'] = state['whole_neighbours'] = LARGEST_EVIDENCE
+        return True
+    if rests['samples'] > MOST_SAMPLES:
+        forget_counts_at_rest(rests)
+        state['next_look'] = 0
+    return False
+
+
+@kernel
+def loss_by_cut(state: Quantisation, axis: int) -> tuple[float, float]:
+    """Return what half a count adds to the mean rate of an axis at rest, in rad/s.
+
+    And by what factor to the variance of the rates.
+    """
+    _, mean, variance = moments_at_rest(state['rests'], axis, 0.0)
+    _, decoded, decoded_variance = moments_at_rest(state['rests'], axis, 0.5)
+    least = COUNT_VARIANCE
+    growth = max(decoded_variance, least) / max(variance, least)
+    return known_count(state, axis) * (decoded - mean), growth
+
+
+@kernel
 def is_refuted(state: Quantisation) -> bool:
     """Take the last changes in where the count is known; return whether it is none after all.
 
@@ -132,7 +211,10 @@ def is_refuted(state: Quantisation) -> bool:
 @kernel
 def forget_counts(state: Quantisation) -> None:
     """Search for the counts anew, and for how they are cut."""
-    state['absent'] = state['truncated'] = False
+    state['absent'] = state['truncated'] = state['rest_has_told'] = False
+    forget_counts_at_rest(state['still'])
+    forget_counts_at_rest(state['rests'])
+    state['next_look'] = 0
     state['wide_zero'] = state['whole_neighbours'] = 0.0
     for axis in range(3):
         state['count'][axis] = 0.0

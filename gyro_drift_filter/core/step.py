@@ -46,6 +46,7 @@ from gyro_drift_filter.core.quantisation import (
     add_half_counts,
     needs_half_counts,
     note_counts,
+    note_still,
     variance_of_cut,
     variance_of_rounding,
 )
@@ -205,6 +206,8 @@ def _look_at_counts(sample: Sample, follows: bool, filter_: FilterRecord) -> boo
         # The bias was learned with half a count more or less in the rates.
         if (before or needs_half) and has_learned_bias(state['bias']):
             widen(state['bias'], variance_of_cut(quantisation))
+    if follows and state['bias']['rest']['run'] > 0:
+        note_still(quantisation, rate)
     return needs_half
 
 

@@ -199,7 +199,7 @@ class RuleLog:
         if refuted:
             return sound('truncation', 'counts are not cut towards zero')
         return unknown(
-            'truncation', 'too little motion to tell whether counts are cut towards zero'
+            'truncation', 'neither rest nor motion tells whether counts are cut towards zero'
         )
 
     def _fault(self, entry: Applied, span: Span) -> Finding:

@@ -43,6 +43,7 @@ from gyro_drift_filter.core.bias.records import (
     Hint,
     bias_variance,
     forget_contradiction,
+    has_learned_bias,
     widen,
 )
 from gyro_drift_filter.core.bias.segments import note_accepted
@@ -65,10 +66,15 @@ from gyro_drift_filter.core.bias.slow_turn import (
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.quantisation import (
+    Choice,
+    Quantisation,
     forget_counts,
+    forget_still,
     is_refuted,
     likely_count,
+    loss_by_cut,
     needs_half_counts,
+    rest_finds_cut,
     variance_of_cut,
 )
 from gyro_drift_filter.core.rest.detection import close_block, next_segment, note_sample, start_rest
@@ -84,7 +90,7 @@ from gyro_drift_filter.core.rest.other_noise import (
     hand_on_block,
 )
 from gyro_drift_filter.core.rest.records import BlockOutcome, Obstacle, Rest, RestLengths
-from gyro_drift_filter.core.rest.segment import is_block_filled, segment_mean
+from gyro_drift_filter.core.rest.segment import is_block_filled, segment_mean, shift_rates
 from gyro_drift_filter.core.rest.stationarity import note_obstacle
 from gyro_drift_filter.core.sample import Sample
 
@@ -208,7 +214,7 @@ def track_bias(
         for axis in range(3):
             note_count(rest, axis, likely_count(quantisation, axis))
             note_count(rest, 3 + axis, rest['force']['resolution'][axis])
-        _take_block(state, lengths, settings)
+        _take_block(state, quantisation, lengths, settings)
 
 
 @kernel
@@ -234,7 +240,9 @@ def _let_time_pass(state: Bias, elapsed: float, random_walk: float) -> None:
 
 
 @kernel
-def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None:
+def _take_block(
+    state: Bias, quantisation: Quantisation, lengths: RestLengths, settings: 'Settings'
+) -> None:
     """Take in what the block that is complete says of rest, and so of the bias."""
     rest, other = state['rest'], state['other_noise']
     run = rest['run']
@@ -254,19 +262,24 @@ def _take_block(state: Bias, lengths: RestLengths, settings: 'Settings') -> None
     if found == BlockOutcome.STEADY:
         take_provisional(state, lengths['block_seconds'], settings['bias_max'])
     if found != BlockOutcome.NOTHING and found != BlockOutcome.STEADY:
-        _take_segment(state, found, lengths, settings)
+        _take_segment(state, quantisation, found, lengths, settings)
         forget_stand(state['shaken_stand'])
     elif stood:
         _take_shaken_stand(state, settings['bias_max'])
     if rest['run'] < run:
         _forget_stillness(state)
+        forget_still(quantisation)
     if moves:
         lose_gravity(state['carried'])
 
 
 @kernel
 def _take_segment(
-    state: Bias, found: BlockOutcome, lengths: RestLengths, settings: 'Settings'
+    state: Bias,
+    quantisation: Quantisation,
+    found: BlockOutcome,
+    lengths: RestLengths,
+    settings: 'Settings',
 ) -> None:
     """Learn from a segment that is ready, as `found` says."""
     rest, ended_rest = state['rest'], found != BlockOutcome.SEGMENT
@@ -279,8 +292,15 @@ def _take_segment(
     else:
         _note_stillness(state, lengths['block_seconds'], settings['bias_calibration_time'])
     if accept_segment(state, found, lengths, settings['bias_max']):
+        undone = not ended_rest and rest_finds_cut(quantisation)
+        undone = undone and settings['input_quantisation'] == Choice.AUTO
+        if undone:
+            _undo_cut(state, quantisation)
         _learn(state)
         note_accepted(state)
+        if undone:
+            forget_gravity(state['carried'])
+            carry_on_with(state['carried'], state['bias'])
         state['motion']['untracked_share'] = _untracked_share(
             rest, lengths['block_seconds'], settings['bias_random_walk']
         )
@@ -289,6 +309,18 @@ def _take_segment(
         next_segment(rest, True)
         rest['at_rest'] = False
         note_obstacle(rest, Obstacle.NOT_ACCEPTED, 0)
+
+
+@kernel
+def _undo_cut(state: Bias, quantisation: Quantisation) -> None:
+    """Add half a count to the rates of the rest so far, as it is added to those that follow."""
+    if has_learned_bias(state):
+        widen(state, variance_of_cut(quantisation))
+    state['recent_count'] = 0
+    for axis in range(3):
+        loss, growth = loss_by_cut(quantisation, axis)
+        shift_rates(state['rest'], axis, loss, growth)
+        state['still_sum'][axis] += state['still_blocks'] * loss
 
 
 @kernel

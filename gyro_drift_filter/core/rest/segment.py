@@ -204,3 +204,19 @@ def forget_segment_before(rest: Rest) -> None:
     """Forget the segment before: the next one is of another rest."""
     for i in range(SIGNALS):
         rest['signals'][i]['before_blocks'] = 0
+
+
+@kernel
+def shift_rates(rest: Rest, axis: int, shift: float, growth: float) -> None:
+    """Put the rates of an axis so far, up to a full block, elsewhere by `shift` in rad/s.
+
+    Their variance is `growth` times what it was.
+    """
+    signal = rest['signals'][axis]
+    signal['segment']['first'] += shift
+    signal['segment']['last'] += shift
+    signal['late_first'] += shift
+    signal['waiting_mean'] += shift
+    signal['before'] += shift
+    signal['variance'] *= growth
+    signal['scatter'] *= growth
