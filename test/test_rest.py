@@ -50,7 +50,7 @@ from gyro_drift_filter.core.rest.standing import (
 from gyro_drift_filter.core.sample import SAMPLE
 from support.messages import START, even_stamps
 from support.rests import between, moving_and_resting, run, shaken, slow_noise
-from support.sensor import DEGREE, NOISE, at_rest, by_hand, motion_below
+from support.sensor import DEGREE, NOISE, at_rest, by_hand, low_pass, motion_below
 
 
 def test_rests_between_motion_are_found_and_motion_is_none(random):
@@ -273,6 +273,40 @@ def test_an_engine_that_idles_behind_straight_drives_hides_no_rest(idles):
     stops[:3000] = False
     assert results['at_rest'][moves].mean() < 0.03
     assert results['at_rest'][stops].mean() > 0.4
+
+
+def on_deck(random):
+    """Return rates and accelerations of a robot that stands for 60 s, and then works on a ship.
+
+    It drives and stops in turns, and its motors shake it. The deck rolls by 1 deg/s within 20 s.
+    """
+    spells, end = [], 65.0
+    while end < 570.0:
+        begin = end + random.uniform(5.0, 20.0)
+        end = begin + random.uniform(5.0, 20.0)
+        spells.append((begin, end))
+    moves = between(600.0, 100.0, spells)[:, None]
+    rates, accelerations = at_rest(random, 600.0)
+    rates *= 0.15
+    shaking = signal.sosfilt(low_pass(20.0, 100.0).copy(), random.standard_normal((60_000, 6)).T).T
+    shaking /= shaking.std()
+    rates += moves * 2.0 * DEGREE * shaking[:, :3]
+    accelerations += moves * 0.3 * shaking[:, 3:]
+    time = np.arange(60_000) / 100.0
+    rates[:, 2] += moves[:, 0] * 20.0 * DEGREE * np.maximum(np.sin(time / 4.0) - 0.5, 0.0)
+    size = 20.0 / (2.0 * np.pi) * DEGREE * (1.0 + 0.3 * np.sin(2.0 * np.pi * time / 71.0))
+    angle = size * np.clip((time - 60.0) / 20.0, 0.0, 1.0) * np.sin(2.0 * np.pi * time / 20.0)
+    rates[:, 0] += 100.0 * np.gradient(angle)
+    accelerations += 9.81 * np.column_stack([0.0 * angle, np.sin(angle), np.cos(angle) - 1.0])
+    return rates, accelerations
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [4, 5, 6])
+def test_motors_that_shake_a_robot_on_the_deck_of_a_ship_move_no_bias(seed):
+    """What shook it on its way was the noise at rest, and a quiet roll the bias: by 1.0 deg/s."""
+    results = run(Filter(), *on_deck(np.random.default_rng(seed)))
+    assert np.abs(results['bias'][-15_000:]).max() < 0.2 * DEGREE
 
 
 def test_wheels_that_shake_a_steady_turn_are_no_machine(random):
