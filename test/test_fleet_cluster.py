@@ -137,7 +137,7 @@ def test_an_interrupt_while_processes_start_says_nothing(robots, tmp_path):
         preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
     ) as process:  # fmt: skip
         end = time.monotonic() + 60
-        while not any('spawn_main' in ' '.join(child.cmdline()) for child in started_by(process)):
+        while not any('spawn_main' in command for command in commands_of(started_by(process))):
             assert time.monotonic() < end
             time.sleep(0.01)
         time.sleep(0.2)
@@ -152,6 +152,13 @@ def started_by(process):
     with suppress(psutil.NoSuchProcess):
         return psutil.Process(process.pid).children()
     return []
+
+
+def commands_of(processes):
+    """Yield the command lines of processes, but of those that have ended meanwhile."""
+    for process in processes:
+        with suppress(psutil.NoSuchProcess):
+            yield ' '.join(process.cmdline())
 
 
 @pytest.fixture
