@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gyro_drift_filter.accelerate import PerAxis, kernel, record
+from gyro_drift_filter.core.sample import COUNT_VARIANCE
 
 # Counts from -LARGEST to LARGEST are told from each other; the outer two stand for all beyond.
 LARGEST = 12
@@ -113,10 +114,9 @@ def moments_at_rest(counts: CountsAtRest, axis: int, half: float) -> tuple[float
 
 @kernel
 def evidence_of_cut(counts: CountsAtRest) -> float:
-    """Return the logarithm of how much likelier the counts are if they are cut, 0 if unclear.
+    """Return the log likelihood ratio of counts that are cut to the next best explanation.
 
-    Than by whatever else explains them best. It is that of independent samples, of which there are
-    fewer where the noise is correlated.
+    It is 0 where reads may have failed. Correlated noise counts as fewer independent samples.
     """
     if _has_nothing_to_report(counts):
         return 0.0
@@ -132,8 +132,9 @@ def evidence_of_cut(counts: CountsAtRest) -> float:
 def _fit(counts: CountsAtRest, half: float, edge: float) -> float:
     """Return the log likelihood of the counts by the best normal noise, over the axes that tell.
 
-    `half` a count is cut off, or nothing, and zero is what is up to `edge` counts. It is that
-    beyond how the counts really are distributed, less what chance leaves on average.
+    `half` is what is cut off, in counts: a half, or nothing. Rates within `edge` counts are given
+    as zero. It is relative to the log likelihood by the observed shares themselves, and what chance
+    takes from it on average is added.
     """
     fit = 0.0
     for axis in range(3):
@@ -153,7 +154,7 @@ def _fit(counts: CountsAtRest, half: float, edge: float) -> float:
 
 @kernel
 def _has_nothing_to_report(counts: CountsAtRest) -> bool:
-    """Return whether zeros come on all axes at once, oftener than they do by themselves."""
+    """Return whether zeros come on all axes at once more often than by chance."""
     expected = 1.0 * counts['samples']
     for axis in range(3):
         number, _, _ = moments_at_rest(counts, axis, 0.0)
@@ -181,8 +182,8 @@ def _independent_share(counts: CountsAtRest, axis: int, number: float, variance:
     """
     step = counts['square_steps'][axis] / number
     # Rounding adds to both, and would hide that the noise is slow.
-    noise = max(variance - 1.0 / 12.0, 0.5 * variance)
-    correlation = 1.0 - 0.5 * max(step - 1.0 / 6.0, 0.0) / noise
+    noise = max(variance - COUNT_VARIANCE, 0.5 * variance)
+    correlation = 1.0 - 0.5 * max(step - 2.0 * COUNT_VARIANCE, 0.0) / noise
     correlation = min(abs(correlation), STRONGEST_CORRELATION)
     square = correlation * correlation
     return float((1.0 - square) / (1.0 + square))

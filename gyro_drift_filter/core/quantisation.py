@@ -37,7 +37,7 @@ from gyro_drift_filter.core.cut_at_rest import (
     moments_at_rest,
     note_count_at_rest,
 )
-from gyro_drift_filter.core.sample import is_zero
+from gyro_drift_filter.core.sample import COUNT_VARIANCE, is_zero
 
 # A change of one count is a vote for that count, and one that is smaller, or no whole number of
 # counts, a vote against it. With this lead of votes the count is known.
@@ -60,8 +60,6 @@ NEAR_COUNTS = 2
 ZERO_IF_WIDE, OTHER_IF_WIDE = math.log(5.0 / 3.0), math.log(5.0 / 6.0)
 BESIDE_IF_WHOLE, NEXT_IF_WHOLE = math.log(2.0), math.log(2.0 / 3.0)
 SURE = math.log(1000.0)
-# The variance of a value that lies anywhere within a count, in counts squared.
-COUNT_VARIANCE = 1.0 / 12.0
 LARGEST_EVIDENCE = math.log(1e6)
 # Rests are looked at again when they have so many times the samples, and begin anew after so many,
 # as the bias moves on.
@@ -179,14 +177,13 @@ def rest_finds_cut(state: Quantisation) -> bool:
 
 @kernel
 def loss_by_cut(state: Quantisation, axis: int) -> tuple[float, float]:
-    """Return what half a count adds to the mean rate of an axis at rest, in rad/s.
+    """Return what the cut takes from the mean rate of an axis at rest, in rad/s.
 
-    And by what factor to the variance of the rates.
+    The second value is the factor by which half a count more makes the variance larger.
     """
     _, mean, variance = moments_at_rest(state['rests'], axis, 0.0)
     _, decoded, decoded_variance = moments_at_rest(state['rests'], axis, 0.5)
-    least = COUNT_VARIANCE
-    growth = max(decoded_variance, least) / max(variance, least)
+    growth = max(decoded_variance, COUNT_VARIANCE) / max(variance, COUNT_VARIANCE)
     return known_count(state, axis) * (decoded - mean), growth
 
 

@@ -25,6 +25,9 @@ LARGEST_RATE = 1.0e6
 # Nor is an acceleration beyond this: ten times the range of accelerometers for impacts, in m/s^2.
 LARGEST_ACCELERATION = 2.0e4
 
+# The variance of a value that lies anywhere within a count, in counts squared.
+COUNT_VARIANCE = 1.0 / 12.0
+
 # In place of a method's reason: the rate was no usable number, so no method has seen it.
 UNUSABLE = -1
 # The same of a sample that the filter has started at: nothing was predicted.

@@ -88,6 +88,7 @@ from gyro_drift_filter.core.rest.other_noise import (
     confirm_other_noise,
     finds_other_segment,
     hand_on_block,
+    note_shaking,
 )
 from gyro_drift_filter.core.rest.records import BlockOutcome, Obstacle, Rest, RestLengths
 from gyro_drift_filter.core.rest.segment import is_block_filled, segment_mean, shift_rates
@@ -246,7 +247,8 @@ def _take_block(
     """Take in what the block that is complete says of rest, and so of the bias."""
     rest, other = state['rest'], state['other_noise']
     run = rest['run']
-    hand_on_block(rest, other, lengths)
+    note_shaking(rest, other, lengths)
+    hand_on_block(rest, other['rest'])
     note_swing(state['swing'], rest, lengths)
     note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
     note_stop(state, lengths)

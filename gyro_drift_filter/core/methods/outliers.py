@@ -88,8 +88,8 @@ def find_reason(
     doubtful = beyond or (size > threshold and size > innovation_limits['least_jump'])
     if _is_within_reach(state, workspace, circumstances, limits, sample) and not dropout:
         # What was held back is motion where the sample is nearer to that than to the prediction.
-        goes_on = holds_any(doubt) and abs(sample - doubt['last_sample']) < size
-        if doubtful or goes_on:
+        near_held = holds_any(doubt) and abs(sample - doubt['last_sample']) < size
+        if doubtful or near_held:
             return Reason.REACHED
         return Reason.RETURNED if holds_any(doubt) else Reason.EXPECTED
     if held > 0:

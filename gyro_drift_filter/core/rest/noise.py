@@ -17,7 +17,6 @@
 import math
 
 from gyro_drift_filter.accelerate import kernel
-from gyro_drift_filter.core.quantisation import COUNT_VARIANCE
 from gyro_drift_filter.core.rest.records import SIGNALS, MeanSums, Rest, RestLengths, Signal
 from gyro_drift_filter.core.rest.segment import (
     LEAST_VARIANCE,
@@ -27,6 +26,7 @@ from gyro_drift_filter.core.rest.segment import (
     value_variance,
 )
 from gyro_drift_filter.core.rest.spikes import forget_waiting
+from gyro_drift_filter.core.sample import COUNT_VARIANCE
 
 STRONGEST_CORRELATION = 0.9  # of the means of two blocks, one after the other
 # The noise is learned with this weight per segment.

@@ -77,11 +77,8 @@ FORGET_OTHER_NOISE_SECONDS = 10.0
 
 
 @kernel
-def hand_on_block(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> None:
+def hand_on_block(rest: Rest, other: Rest) -> None:
     """Give the other detector the block that is complete, before it is closed."""
-    other = noise['rest']
-    if is_block_filled(rest, lengths):
-        _note_shaking(rest, noise, lengths['block_seconds'])
     other['count'] = rest['count']
     if rest['turned'] == math.inf:
         other['turned'] = math.inf
@@ -94,9 +91,14 @@ def hand_on_block(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> None:
 
 
 @kernel
-def _note_shaking(rest: Rest, noise: OtherNoise, block_seconds: float) -> None:
-    """Note how strongly the body is shaken, on the mean since the last rest."""
-    blocks = min(rest['blocks_since_rest'] + 1.0, SHAKEN_SECONDS / block_seconds)
+def note_shaking(rest: Rest, noise: OtherNoise, lengths: RestLengths) -> None:
+    """Note how strongly the body is shaken, on the mean since the last rest, before a block ends.
+
+    A block that lacks more than half of its samples says nothing.
+    """
+    if not is_block_filled(rest, lengths):
+        return
+    blocks = min(rest['blocks_since_rest'] + 1.0, SHAKEN_SECONDS / lengths['block_seconds'])
     for i in range(SIGNALS):
         _, variance = block_moments(rest, i)
         noise['shaken'][i] += (variance - noise['shaken'][i]) / blocks
