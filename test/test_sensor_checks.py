@@ -286,6 +286,7 @@ def test_a_turn_in_which_an_axis_has_hung_is_not_at_the_end_of_the_range(axes, r
     assert len(hung) > 5
     assert met[hangs].any()  # nobody can know while it hangs
     assert not met[~hangs].any()
+    assert not filter_.state['checks']['range_end']['clipped'].any()  # faster rates followed
 
 
 def test_a_rate_that_falls_does_not_meet_the_end_of_the_range(random):

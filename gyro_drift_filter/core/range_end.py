@@ -62,7 +62,7 @@ class RangeEnd(TypedDict):
     step: PerAxis  # change of the rate with the last sample, rad/s
     step_before: PerAxis  # and with the one before
     flat: CountPerAxis  # samples without noise since the rate has stopped
-    clipped: CountPerAxis  # samples at the end of the range, from the third in a row on
+    clipped: CountPerAxis  # samples at the end, from the third in a row on; 0 if it was none
 
 
 @kernel
@@ -113,10 +113,11 @@ def _largest(ends: RangeEnd, axis: int) -> float:
 
 @kernel
 def _forget_range_end(ends: RangeEnd, axis: int) -> None:
-    """Forget an end of the range that was none."""
+    """Forget an end of the range that was none, and the samples that were counted there."""
     for side in range(2):
         ends['largest'][side, axis] = 0.0
     ends['clipped_calibrated'][axis] = 0
+    ends['clipped'][axis] = 0
 
 
 @kernel
@@ -161,6 +162,8 @@ def _note_passed(checks: 'SensorChecks', axis: int, rate: float) -> None:
         _forget_range_end(ends, axis)
     elif is_beyond and not ends['clipped_calibrated'][axis]:
         largest[side, axis] = 0.0
+        if _largest(ends, axis) == 0.0:
+            ends['clipped'][axis] = 0
 
 
 @kernel
