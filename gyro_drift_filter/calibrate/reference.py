@@ -49,8 +49,9 @@ SPAN_SECONDS, SPAN_SIZE = 5.0, 400
 LEAST_SIZE = 20
 # The delay is looked for up to this, in s, and may come out up to the margin beyond that.
 LARGEST_DELAY, MARGIN = 1.0, 0.2
-# Rates for a first guess, in Hz: a hand's motion is slower.
-GUESS_RATE = 100.0
+GUESS_RATE = 100.0  # Hz, for a first guess: a hand's motion is slower
+REACH = round(LARGEST_DELAY * GUESS_RATE)  # samples
+HALF = round(0.05 * GUESS_RATE)  # samples on each side of one, over which rates are taken
 # A robot on wheels tilts by less in its odometry.
 LEVEL = float(np.radians(0.1))
 # An orientation that is off by so many deviations is a slip.
@@ -110,8 +111,24 @@ class _Span:
     stop: int
     samples: slice
     bias: Floats
-    parts: GroupedSteps
+    steps: GroupedSteps
     used: Bools
+
+
+class _Turned(NamedTuple):
+    """How the sensor has turned since the first sample of a span, at n times.
+
+    Attributes:
+        rotations: (n, 4) from its axes at each time to those at first.
+        rates: (n, 3) by the matrix, in rad/s.
+        by_matrix: (n, 3, 9) derivatives of the rotation vector, in the first axes, by the matrix.
+        by_bias: (n, 3, 3) and by the bias.
+    """
+
+    rotations: Floats
+    rates: Floats
+    by_matrix: Floats
+    by_bias: Floats
 
 
 class ReferenceOfOneRecording:
@@ -157,49 +174,53 @@ class ReferenceOfOneRecording:
         Raises:
             CalibrationError: The two do not turn alike, or hardly at all.
         """
-        track, lag = self._track, 2 * round(0.05 * GUESS_RATE) + 1
+        grid = self._common_grid()
+        rates = self._smooth_rates(grid)
+        turned = self._rates_of_reference(grid)
+        if np.abs(turned).sum() / GUESS_RATE < LEAST_MOTION:
+            raise CalibrationError('the reference hardly turns: turn the sensor while it is seen')
+        shift = _delay_in_samples(rates, turned)
+        ours, theirs = rates[REACH:-REACH], turned[REACH + shift : len(grid) - REACH + shift]
+        ours, theirs = (x - x.mean(axis=0) for x in (ours, theirs))
+        if up is not None and self.level:
+            rotation = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])[0]
+        else:
+            rotation = Rotation.align_vectors(ours, theirs)[0]
+        product = float((ours * rotation.apply(theirs)).sum())
+        alike = product / np.sqrt((ours**2).sum() * (theirs**2).sum())
+        if alike < 0.5:
+            raise CalibrationError(
+                f'reference and rates do not turn alike (correlation {alike:.2f}): is it the same '
+                'body, and are axes and stamps right?'
+            )
+        return Guess(rotation.as_quat(), shift / GUESS_RATE, product / (ours**2).sum())
+
+    def _common_grid(self) -> Floats:
+        """Return even times in s at which both reference and rates are there."""
+        track = self._track
         begin = max(track.seconds[0], self._seconds[0]) + LARGEST_DELAY
         end = min(track.seconds[-1], self._seconds[-1]) - LARGEST_DELAY
         if end - begin < 2.0 * LARGEST_DELAY:
             raise CalibrationError(
                 'reference and rates overlap by too little: are their stamps of one clock?'
             )
-        grid = np.arange(begin - LARGEST_DELAY, end + LARGEST_DELAY, 1.0 / GUESS_RATE)
-        rates = np.column_stack([np.interp(grid, track.seconds, axis) for axis in track.rates.T])
-        smooth = np.ones(lag) / lag
-        rates = np.column_stack([np.convolve(axis, smooth, 'same') for axis in rates.T])
+        return np.arange(begin - LARGEST_DELAY, end + LARGEST_DELAY, 1.0 / GUESS_RATE)
+
+    def _smooth_rates(self, grid: Floats) -> Floats:
+        """Return the rates (n, 3) at times (n,) in s, each a mean over `2 HALF + 1` of them."""
+        size = 2 * HALF + 1
+        rates = [np.interp(grid, self._track.seconds, axis) for axis in self._track.rates.T]
+        return np.column_stack([np.convolve(axis, np.ones(size) / size, 'same') for axis in rates])
+
+    def _rates_of_reference(self, grid: Floats) -> Floats:
+        """Return the rates (n, 3) of the reference's body at times (n,) in s, over `2 HALF`."""
         near = np.clip(np.searchsorted(self._seconds, grid), 1, len(self._seconds) - 1)
         near -= (grid - self._seconds[near - 1]) < (self._seconds[near] - grid)
         at = self._rotations[near]
-        half = lag // 2
-        turned = np.zeros_like(rates)
-        steps = multiply(inverse(at[: -2 * half]), at[2 * half :])
-        turned[half:-half] = to_vectors(steps) * (GUESS_RATE / (2 * half))
-        if np.abs(turned).sum() / GUESS_RATE < LEAST_MOTION:
-            raise CalibrationError('the reference hardly turns: turn the sensor while it is seen')
-        # Whatever the bias and the rotation between the two, they are fast at the same time.
-        speeds = [np.linalg.norm(x - np.median(x, axis=0), axis=1) for x in (rates, turned)]
-        speeds = [x - x.mean() for x in speeds]
-        reach = round(LARGEST_DELAY * GUESS_RATE)
-        inner = speeds[0][reach:-reach]
-        shifts = np.arange(-reach, reach + 1)
-        fits = [inner @ speeds[1][reach + k : len(grid) - reach + k] for k in shifts]
-        shift = int(shifts[np.argmax(fits)])
-        a = rates[reach:-reach]
-        b = turned[reach + shift : len(grid) - reach + shift]
-        a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-        if up is not None and self.level:
-            rotation = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])[0]
-        else:
-            rotation = Rotation.align_vectors(a, b)[0]
-        product = float((a * rotation.apply(b)).sum())
-        alike = product / np.sqrt((a**2).sum() * (b**2).sum())
-        if alike < 0.5:
-            raise CalibrationError(
-                f'reference and rates do not turn alike (correlation {alike:.2f}): is it the same '
-                'body, and are axes and stamps right?'
-            )
-        return Guess(rotation.as_quat(), shift / GUESS_RATE, product / (a**2).sum())
+        steps = multiply(inverse(at[: -2 * HALF]), at[2 * HALF :])
+        turned = np.zeros((len(grid), 3))
+        turned[HALF:-HALF] = to_vectors(steps) * (GUESS_RATE / (2 * HALF))
+        return turned
 
     def divide(self, mount: Mount, late: float) -> None:
         """Cut the recording into spans, with the delay in s about known."""
@@ -221,8 +242,8 @@ class ReferenceOfOneRecording:
             if stop - first >= LEAST_SIZE and whole:
                 bias = self._first_bias(first, stop, at)
                 used = np.ones(stop - first, bool)
-                parts = self._parts(samples, bias)
-                self._spans.append(_Span(first, stop, samples, bias, parts, used))
+                steps = self._steps(samples, bias)
+                self._spans.append(_Span(first, stop, samples, bias, steps, used))
             first = stop
         if not self._spans:
             raise CalibrationError('the reference is never there for long enough')
@@ -238,7 +259,7 @@ class ReferenceOfOneRecording:
         body = Rotation.from_quat(self._mount.rotation).apply(turned)
         return np.asarray(track.rates[ends[0] : ends[1] + 1].mean(axis=0) - body)
 
-    def _parts(self, samples: slice, bias: Floats) -> GroupedSteps:
+    def _steps(self, samples: slice, bias: Floats) -> GroupedSteps:
         """Return the steps of samples, less a bias."""
         steps = np.diff(self._track.seconds[samples])
         rates = self._track.rates[samples] - bias
@@ -292,7 +313,7 @@ class ReferenceOfOneRecording:
         matrix, out = unknowns[MATRIX].reshape(3, 3), []
         for span in self._spans:
             vectors, *_ = self._differences(span, unknowns)
-            turned = float(np.linalg.norm(span.parts.angles @ matrix.T, axis=1).sum())
+            turned = float(np.linalg.norm(span.steps.angles @ matrix.T, axis=1).sum())
             count = max(len(vectors) // 10, 1)
             # A start is a mean of some, as the reference is noisy, and so is an end.
             step = vectors[-count:].mean(axis=0) - vectors[:count].mean(axis=0)
@@ -302,52 +323,58 @@ class ReferenceOfOneRecording:
     def _differences(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats, Floats]:
         """Return by how much the reference is ahead, as rotation vectors in the span's first axes.
 
-        Beside them (n, 3) stand their dependence on the unknowns (n, 3, UNKNOWNS) and on the bias
+        Beside them (n, 3) stand their derivatives by the unknowns (n, 3, UNKNOWNS) and by the bias
         (n, 3, 3).
         """
-        matrix = unknowns[MATRIX].reshape(3, 3)
-        seconds, parts = self._track.seconds[span.samples], span.parts
-        before, middle = rotations(step_vectors(parts.angles, parts.coning, matrix))
-        axes = Rotation.from_quat(middle).as_matrix()
-        at = self._seconds[span.first : span.stop] - unknowns[LATE]
-        low = np.clip(np.searchsorted(seconds, at, 'right') - 1, 0, len(seconds) - 2)
-        steps = seconds[low + 1] - seconds[low]
-        share = (at - seconds[low]) / steps
-        rates = self._track.rates[span.samples]
-        raw, change = rates[low] - span.bias, rates[low + 1] - rates[low]
-        rate, now = raw @ matrix.T, (raw + share[:, None] * change) @ matrix.T
-        number = np.searchsorted(parts.first, low, 'right') - 1
-        turned = multiply(
-            before[number],
-            from_vectors(step_vectors(parts.angles_before[low], parts.coning_before[low], matrix)),
-        )
-        turned = multiply(turned, from_vectors(0.5 * (share * steps)[:, None] * (rate + now)))
-        turns = Rotation.from_quat(turned).as_matrix()
-
-        def until(whole: Floats, part: Floats) -> Floats:
-            total = np.cumsum(whole, axis=0) - whole
-            return np.asarray(total[number] + part)
-
-        angles = parts.angles_before[low] + (share * steps)[:, None] * (raw + 0.5 * change)
-        by_matrix = until(_outer(axes, parts.angles), _outer(axes[number], angles))
-        lengths = at - seconds[parts.first[number]]
-        by_bias = until(axes * parts.lengths[:, None, None], axes[number] * lengths[:, None, None])
-        body = multiply(from_vectors(unknowns[TURNED][None]), self._mount.rotation[None])
-        ahead = multiply(self._rotations[span.first : span.stop], inverse(body))
-        ahead = multiply(ahead, inverse(turned))
+        sensor = self._integrate(span, unknowns)
+        mount = multiply(from_vectors(unknowns[TURNED][None]), self._mount.rotation[None])
+        ahead = multiply(self._rotations[span.first : span.stop], inverse(mount))
+        ahead = multiply(ahead, inverse(sensor.rotations))
         center = _mean(ahead)
         vectors = to_vectors(multiply(inverse(center[None]), ahead))
-        jacobian = np.zeros((len(at), 3, UNKNOWNS))
-        jacobian[:, :, MATRIX] = -by_matrix
+        axes = Rotation.from_quat(sensor.rotations).as_matrix()
+        jacobian = np.zeros((len(vectors), 3, UNKNOWNS))
+        jacobian[:, :, MATRIX] = -sensor.by_matrix
         if not self.level:
-            jacobian[:, :, TURNED] = -turns
-        jacobian[:, :, LATE] = np.einsum('kai,ki->ka', turns, now)
-        return vectors, jacobian, by_bias @ matrix
+            jacobian[:, :, TURNED] = -axes
+        jacobian[:, :, LATE] = np.einsum('kai,ki->ka', axes, sensor.rates)
+        return vectors, jacobian, -sensor.by_bias
 
-    def _white(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
-        """Return values and dependence side by side (n c, 1 + UNKNOWNS), and nuisances (n c, ...).
+    def _integrate(self, span: _Span, unknowns: Floats) -> _Turned:
+        """Return how the sensor has turned, by its rates, at the orientations of the reference."""
+        matrix, steps = unknowns[MATRIX].reshape(3, 3), span.steps
+        seconds, rates = self._track.seconds[span.samples], self._track.rates[span.samples]
+        before, middle = rotations(step_vectors(steps.angles, steps.coning, matrix))
+        at = self._seconds[span.first : span.stop] - unknowns[LATE]
+        # Each is so long behind a sample, in a share of the way to the next one. To that sample
+        # lead whole groups of steps, and a part of the next group.
+        sample = np.clip(np.searchsorted(seconds, at, 'right') - 1, 0, len(seconds) - 2)
+        length = seconds[sample + 1] - seconds[sample]
+        share = (at - seconds[sample]) / length
+        behind = (share * length)[:, None]
+        group = np.searchsorted(steps.first, sample, 'right') - 1
+        raw, change = rates[sample] - span.bias, rates[sample + 1] - rates[sample]
+        rate, now = raw @ matrix.T, (raw + share[:, None] * change) @ matrix.T
+        in_group = step_vectors(steps.angles_before[sample], steps.coning_before[sample], matrix)
+        turned = multiply(before[group], from_vectors(in_group))
+        turned = multiply(turned, from_vectors(0.5 * behind * (rate + now)))
+        axes = Rotation.from_quat(middle).as_matrix()
 
-        There are c = 3 values for each orientation, 1 of a reference that never tilts.
+        def summed(of_groups: Floats, of_part: Floats) -> Floats:
+            total = np.cumsum(of_groups, axis=0) - of_groups
+            return np.asarray(total[group] + of_part)
+
+        angles = steps.angles_before[sample] + behind * (raw + 0.5 * change)
+        by_matrix = summed(_outer(axes, steps.angles), _outer(axes[group], angles))
+        lengths = (at - seconds[steps.first[group]])[:, None, None]
+        time_in_axes = summed(axes * steps.lengths[:, None, None], axes[group] * lengths)
+        return _Turned(turned, now, by_matrix, -time_in_axes @ matrix)
+
+    def _whitened(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
+        """Return residuals of variance 1 with their derivatives: (m, 1 + UNKNOWNS) and (m, ...).
+
+        Beside the residuals stand those by the unknowns, the second array is by the bias and the
+        start of the span. An orientation has 3 residuals, 1 where the reference never tilts.
         """
         vectors, jacobian, by_bias = self._differences(span, unknowns)
         if self.level:
@@ -355,44 +382,56 @@ class ReferenceOfOneRecording:
             vectors, jacobian = vectors @ up[:, None], np.einsum('a,kan->kn', up, jacobian)[:, None]
             # The bias about the other two axes is nothing that such a reference sees.
             by_bias = np.einsum('a,kab,b->k', up, by_bias, up)[:, None, None]
-        count = vectors.shape[1]
-        start = np.broadcast_to(np.eye(count), (len(vectors), count, count))
-        both = np.concatenate([vectors[:, :, None], jacobian, by_bias, start], axis=2)
-        at = self._seconds[span.first : span.stop]
-        # White noise of the reference, and the gyroscope's summed up.
-        ahead = at - at[0]
-        covariance = self._variance * np.eye(len(at)) + self._density * np.minimum.outer(
-            ahead, ahead
-        )
-        covariance[~span.used, ~span.used] += 1e6 * self._variance
-        factor = np.linalg.cholesky(covariance)
-        columns = both.reshape(len(at), -1)
-        white = solve_triangular(factor, columns, lower=True, check_finite=False)
-        white = white.reshape(-1, both.shape[2])
+        n, size = vectors.shape
+        by_start = np.broadcast_to(np.eye(size), (n, size, size))
+        columns = np.concatenate([vectors[:, :, None], jacobian, by_bias, by_start], axis=2)
+        factor = np.linalg.cholesky(self._covariance(span))
+        white = solve_triangular(factor, columns.reshape(n, -1), lower=True, check_finite=False)
+        white = white.reshape(-1, columns.shape[2])
         return white[:, : 1 + UNKNOWNS], white[:, 1 + UNKNOWNS :]
+
+    def _covariance(self, span: _Span) -> Floats:
+        """Return the covariance (n, n) of a span: white noise, and the gyroscope's summed up."""
+        since = self._seconds[span.first : span.stop] - self._seconds[span.first]
+        summed = self._density * np.minimum.outer(since, since)
+        covariance = self._variance * np.eye(len(since)) + summed
+        covariance[~span.used, ~span.used] += 1e6 * self._variance
+        return np.asarray(covariance)
 
     def _up(self) -> Floats:
         """Return the vertical (3,) of a reference that never tilts, in the sensor's axes."""
         return np.asarray(Rotation.from_quat(self._mount.rotation).as_matrix()[:, 2])
 
     def _free(self, span: _Span, unknowns: Floats) -> tuple[Floats, Floats]:
-        """Return values and dependence of a span with its nuisances projected out."""
-        white, nuisances = self._white(span, unknowns)
-        basis = np.linalg.qr(nuisances)[0]
+        """Return residuals of a span and their derivatives, its bias and start projected out."""
+        white, by_bias_and_start = self._whitened(span, unknowns)
+        basis = np.linalg.qr(by_bias_and_start)[0]
         white = white - basis @ (basis.T @ white)
         return white[:, 0], white[:, 1:]
 
     def _learn_bias(self, span: _Span, unknowns: Floats) -> None:
-        white, nuisances = self._white(span, unknowns)
-        step = np.linalg.lstsq(nuisances, -white[:, 0], rcond=None)[0]
+        white, by_bias_and_start = self._whitened(span, unknowns)
+        step = np.linalg.lstsq(by_bias_and_start, -white[:, 0], rcond=None)[0]
         span.bias = span.bias + (step[0] * self._up() if self.level else step[:3])
-        span.parts = self._parts(span.samples, span.bias)
+        span.steps = self._steps(span.samples, span.bias)
         vectors, *_ = self._differences(span, unknowns)
         off = np.linalg.norm(vectors - np.median(vectors, axis=0), axis=1)
         # Of a vector of three normal variables half are shorter than 1.54 deviations.
         used = off < SLIP * max(float(np.median(off)) / 1.54, self._variance**0.5)
         if used.sum() >= LEAST_SIZE:
             span.used = used
+
+
+def _delay_in_samples(rates: Floats, turned: Floats) -> int:
+    """Return by how many samples the rates of a reference (n, 3) come later than the sensor's.
+
+    Whatever the bias and the rotation between the two, they are fast at the same time.
+    """
+    speeds = [np.linalg.norm(x - np.median(x, axis=0), axis=1) for x in (rates, turned)]
+    ours, theirs = (x - x.mean() for x in speeds)
+    inner = ours[REACH:-REACH]
+    fits = [inner @ theirs[k : len(inner) + k] for k in range(2 * REACH + 1)]
+    return int(np.argmax(fits)) - REACH
 
 
 def _outer(axes: Floats, angles: Floats) -> Floats:
