@@ -16,6 +16,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from itertools import pairwise
 
 import numpy as np
@@ -144,7 +145,7 @@ class RestsOfOneRecording:
             if gravity is None or self._is_back(leg, way, gravity):
                 angles.append(float(np.linalg.norm(_vector(way.rotation))))
             else:
-                before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
+                before, behind = _directions(gravity, leg)
                 angles.append(float(np.linalg.norm(_between(before, way.rotation @ behind))))
         return Closures(np.array(angles), np.array([way.angle for way in turns]))
 
@@ -152,8 +153,7 @@ class RestsOfOneRecording:
         """Tell whether a leg was whole turns by hand, back to the same edge."""
         if not self.turns or way.angle < WHOLE_TURN:
             return False
-        before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
-        return bool(np.linalg.norm(np.cross(before, behind)) < SAME_SIDE)
+        return bool(np.linalg.norm(np.cross(*_directions(gravity, leg))) < SAME_SIDE)
 
     @property
     def has_whole_turns(self) -> bool:
@@ -193,42 +193,44 @@ class RestsOfOneRecording:
 
     def _blocks(self, unknowns: Floats) -> '_Blocks':
         rests, size = self._rests, len(self._rests)
-        # Of each source of errors at a rest: bias, acceleration, how it lies against the edge.
-        sources = np.concatenate(
+        blocks = _Blocks(size)
+        gravity, by_unknowns = None, np.zeros((size, 3, UNKNOWNS))
+        if self.measured:
+            gravity, by_unknowns = self.gravity(unknowns), self._gravity_by_unknowns(unknowns)
+            self._add_sizes(gravity, by_unknowns, upper(unknowns), blocks)
+        for leg in self.legs:
+            self._add_leg(leg, unknowns, gravity, by_unknowns, blocks)
+        variances = np.concatenate(  # in the order of `Source`
             [
                 [self._found.rate_density / rest.seconds for rest in rests],
                 [self._found.acceleration_density / rest.seconds for rest in rests],
                 np.full((size, 3), EDGE_DEVIATION**2),
             ]
         ).ravel()
-        sources = np.nan_to_num(sources)
-        blocks = _Blocks(3 * 3 * size)
-        by_unknowns, gravity = np.zeros((size, 3, UNKNOWNS)), None
-        if self.measured:
-            gravity = self.gravity(unknowns)
-            by_unknowns = self._directions(unknowns, gravity, blocks)
-        for leg in self.legs:
-            self._add_leg(leg, unknowns, gravity, by_unknowns, blocks)
-        return blocks.finished(sources)
+        return blocks.finished(np.nan_to_num(variances))
 
-    def _directions(self, unknowns: Floats, gravity: Floats, blocks: '_Blocks') -> Floats:
-        """Add the sizes of gravity; return how its directions depend on the unknowns."""
-        size, matrix = len(gravity), upper(unknowns)
-        out = np.zeros((size, 3, UNKNOWNS))
-        for k, vector in enumerate(gravity):
-            by = np.zeros((3, UNKNOWNS))
-            by[:, OFFSET] = -matrix
-            raw = self._rests[k].acceleration - unknowns[OFFSET]
+    def _gravity_by_unknowns(self, unknowns: Floats) -> Floats:
+        """Return the derivatives of `gravity` by the unknowns, (m, 3, UNKNOWNS)."""
+        out = np.zeros((len(self._rests), 3, UNKNOWNS))
+        out[:, :, OFFSET] = -upper(unknowns)
+        for by_unknowns, rest in zip(out, self._rests, strict=True):
+            raw = rest.acceleration - unknowns[OFFSET]
             for entry, (i, j) in enumerate(zip(*UPPER_ENTRIES, strict=True)):
-                by[i, UPPER.start + entry] = raw[j]
+                by_unknowns[i, UPPER.start + entry] = raw[j]
+        return out
+
+    def _add_sizes(
+        self, gravity: Floats, by_unknowns: Floats, matrix: Floats, blocks: '_Blocks'
+    ) -> None:
+        """Add by how much gravity (m, 3) is larger at each rest than it is on earth."""
+        for rest, vector in enumerate(gravity):
             length = np.linalg.norm(vector)
             direction = vector / length
-            noise = np.zeros((1, blocks.sources))
-            noise[0, 3 * (size + k) : 3 * (size + k) + 3] = direction @ matrix / GRAVITY
+            by_errors = blocks.no_errors(1)
+            by_errors[0, blocks.columns(Source.ACCELERATION, rest)] = direction @ matrix / GRAVITY
             value = np.array([length / GRAVITY - 1.0])
-            blocks.add(value, (direction @ by / GRAVITY)[None], noise, np.zeros((1, 1)))
-            out[k] = (by - np.outer(direction, direction @ by)) / length
-        return out
+            jacobian = (direction @ by_unknowns[rest] / GRAVITY)[None]
+            blocks.add(value, jacobian, by_errors, np.zeros((1, 1)))
 
     def _add_leg(
         self,
@@ -238,67 +240,94 @@ class RestsOfOneRecording:
         by_unknowns: Floats,
         blocks: '_Blocks',
     ) -> None:
+        """Add by which rotation vector a leg does not close, in the axes of its start.
+
+        With gravity (m, 3) and its derivatives (m, 3, UNKNOWNS) that is across gravity, unless it
+        was whole turns back to the same edge.
+        """
         matrix = unknowns[MATRIX].reshape(3, 3)
         way, derivatives = turn(leg, matrix)
-        size, (i, j) = len(self._rests), leg.rests
-        # All as a rotation vector in the axes of the start: by unknowns, by sources.
-        jacobian, noise = np.zeros((3, UNKNOWNS)), np.zeros((3, blocks.sources))
+        jacobian, by_errors, by_edges = np.zeros((3, UNKNOWNS)), *blocks.no_errors(2, 3)
         jacobian[:, MATRIX] = derivatives.by_matrix
-        for k, by_bias in zip((i, j), derivatives.by_biases, strict=True):
-            noise[:, 3 * k : 3 * k + 3] = by_bias
-        on_the_way = self._found.rate_density * leg.seconds
-        on_the_way = on_the_way + self._steps * leg.seconds**2 / 12.0
-        at_rest = self._found.rate_density / np.mean([rest.seconds for rest in self._rests])
-        on_the_way = on_the_way + (leg.push @ self._sensitivity.spread @ leg.push) * at_rest
-        variance = float(on_the_way.mean() * np.abs(np.linalg.det(matrix)) ** (2.0 / 3.0))
-        edges = np.zeros_like(noise)
-        for k, sign in ((i, 1.0), (j, -1.0)):
-            edges[:, 3 * (2 * size + k) : 3 * (2 * size + k) + 3] = sign * np.eye(3)
+        for rest, by_bias, sign in zip(leg.rests, derivatives.by_biases, (1.0, -1.0), strict=True):
+            by_errors[:, blocks.columns(Source.RATE, rest)] = by_bias
+            by_edges[:, blocks.columns(Source.EDGE, rest)] = sign * np.eye(3)
         if gravity is None:
-            rows = np.eye(3)
-            vector, noise = _vector(way.rotation), noise + edges
+            rows, vector, by_errors = np.eye(3), _vector(way.rotation), by_errors + by_edges
         else:
-            before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in (i, j))
+            before, behind = directions = _directions(gravity, leg)
             vector = _between(before, way.rotation @ behind)
-            by_before, by_behind = -cross(before), cross(before) @ way.rotation
-            jacobian += by_before @ by_unknowns[i] + by_behind @ by_unknowns[j]
-            for k, by in ((i, by_before), (j, by_behind)):
-                length = np.linalg.norm(gravity[k])
-                direction = gravity[k] / length
+            by_directions = -cross(before), cross(before) @ way.rotation
+            for rest, direction, by in zip(leg.rests, directions, by_directions, strict=True):
+                length, of_rest = np.linalg.norm(gravity[rest]), by_unknowns[rest]
+                jacobian += by @ ((of_rest - np.outer(direction, direction @ of_rest)) / length)
                 across = (np.eye(3) - np.outer(direction, direction)) / length
-                noise[:, 3 * (size + k) : 3 * (size + k) + 3] = by @ across @ upper(unknowns)
+                by_acceleration = by @ across @ upper(unknowns)
+                by_errors[:, blocks.columns(Source.ACCELERATION, rest)] = by_acceleration
             rows = np.linalg.svd(before[None])[2][1:]
             if self._is_back(leg, way, gravity):  # and about the vertical the edge tells
                 rows = np.vstack([rows, before])
                 vector = vector + before * float(before @ _vector(way.rotation))
-                noise = noise + np.outer(before, before) @ edges
-        blocks.add(rows @ vector, rows @ jacobian, rows @ noise, variance * np.eye(len(rows)))
+                by_errors = by_errors + np.outer(before, before) @ by_edges
+        own = self._variance_on_the_way(leg, matrix) * np.eye(len(rows))
+        blocks.add(rows @ vector, rows @ jacobian, rows @ by_errors, own)
+
+    def _variance_on_the_way(self, leg: Leg, matrix: Floats) -> float:
+        """Return the variance in rad^2 that noise and bias add to each axis between the rests."""
+        on_the_way = self._found.rate_density * leg.seconds
+        on_the_way = on_the_way + self._steps * leg.seconds**2 / 12.0
+        at_rest = self._found.rate_density / np.mean([rest.seconds for rest in self._rests])
+        on_the_way = on_the_way + (leg.push @ self._sensitivity.spread @ leg.push) * at_rest
+        return float(on_the_way.mean() * np.abs(np.linalg.det(matrix)) ** (2.0 / 3.0))
+
+
+class Source(IntEnum):
+    """What is off by an error of three axes at each rest."""
+
+    RATE = 0  # its mean, which is the bias
+    ACCELERATION = 1
+    EDGE = 2  # how it lies against the edge of the table
 
 
 class _Blocks:
     """Residuals as they are gathered: values, what they depend on, their covariance."""
 
-    def __init__(self, sources: int) -> None:
-        self.sources = sources
+    def __init__(self, rests: int) -> None:
+        self._rests = rests
         self.rows: list[Integers] = []
         # Of no residuals, so that there is something to concatenate.
-        nothing = np.zeros(0), np.zeros((0, UNKNOWNS)), np.zeros((0, sources)), np.zeros((0, 0))
+        nothing = np.zeros(0), np.zeros((0, UNKNOWNS)), self.no_errors(0), np.zeros((0, 0))
         self._parts: list[tuple[Floats, Floats, Floats, Floats]] = [nothing]
         self._count = 0
 
-    def add(self, values: Floats, jacobian: Floats, noise: Floats, own: Floats) -> None:
-        """Add r residuals with their dependence on unknowns and sources, and own covariance."""
+    def no_errors(self, *shape: int) -> Floats:
+        """Return derivatives (..., e) of residuals by all errors at the rests, all zero."""
+        return np.zeros((*shape, 3 * len(Source) * self._rests))
+
+    def columns(self, source: Source, rest: int) -> slice:
+        """Return which of them are those by an error at a rest."""
+        first = 3 * (source * self._rests + rest)
+        return slice(first, first + 3)
+
+    def add(self, values: Floats, jacobian: Floats, by_errors: Floats, own: Floats) -> None:
+        """Add r residuals, their derivatives by unknowns and errors, and their own covariance."""
         self.rows.append(np.arange(self._count, self._count + len(values)))
         self._count += len(values)
-        self._parts.append((values, jacobian, noise, own))
+        self._parts.append((values, jacobian, by_errors, own))
 
     def finished(self, variances: Floats) -> '_Blocks':
-        """Put all together, by the variances of the sources."""
-        values, jacobians, noises, own = zip(*self._parts, strict=True)
+        """Put all together, by the variances (e,) of the errors."""
+        values, jacobians, by_errors, own = zip(*self._parts, strict=True)
         self.values, self.jacobian = np.concatenate(values), np.concatenate(jacobians)
-        noise = np.concatenate(noises)
-        self.covariance = (noise * variances) @ noise.T + block_diag(*own)
+        each = np.concatenate(by_errors)
+        self.covariance = (each * variances) @ each.T + block_diag(*own)
         return self
+
+
+def _directions(gravity: Floats, leg: Leg) -> tuple[Floats, Floats]:
+    """Return the directions (3,) of gravity (m, 3) at the rests before and behind a leg."""
+    before, behind = (gravity[k] / np.linalg.norm(gravity[k]) for k in leg.rests)
+    return before, behind
 
 
 def _vector(rotation: Floats) -> Floats:
