@@ -41,9 +41,9 @@ import numpy as np
 
 from gyro_drift_filter.arrays import Bools, Floats, Integers
 from gyro_drift_filter.identify.series import Values, columns, parts
-from gyro_drift_filter.identify.slow_noise import Cause, is_smooth, look_at_slow_noise
+from gyro_drift_filter.identify.slow_noise import Cause, is_smooth, judge_slow_rates
 from gyro_drift_filter.identify.timing import Timing
-from gyro_drift_filter.identify.windows import Look, Windows, cut, look, step_limit
+from gyro_drift_filter.identify.windows import AxisNoise, Windows, cut, measure_noise, step_limit
 
 WINDOW_SECONDS = 1.0
 LEAST_WINDOW = 16  # samples
@@ -134,30 +134,31 @@ def find_quiet(
     size = max(LEAST_WINDOW, round(WINDOW_SECONDS / period))
     windows = cut(timing.parts(n), size)
     if not len(windows.first):
-        noise = (0.0, 0.0, 0.0)
-        return Quiet((), None, missing, noise, accelerometer=False, other_rates=(), open=False)
+        nothing = (0.0, 0.0, 0.0)
+        return Quiet((), None, missing, nothing, accelerometer=False, other_rates=(), open=False)
     # An acceleration that is partly NaN beside good rates says nothing about the rates.
     measured = tuple(axis for axis in accelerations if _measures(axis))
-    looks = [look(axis, windows, period) for axis in (*rates, *measured)]
-    smooth, cause = any(map(is_smooth, looks[:3])), Cause.OPEN
+    axes = (*rates, *measured)
+    noises = [measure_noise(axis, windows, period) for axis in axes]
+    smooth, cause = any(map(is_smooth, noises[:3])), Cause.OPEN
     if len(measured) in (0, 3):
-        cause, slow = look_at_slow_noise(looks, windows, (*rates, *measured), timing)
+        cause, longer = judge_slow_rates(noises, windows, axes, timing)
         if cause == Cause.NOISE:
-            windows, looks = slow
+            windows, noises = longer
     still = np.full(len(windows.first), not smooth or cause == Cause.NOISE)
-    for seen in looks[:3]:
-        still &= seen.fits
-    for seen in looks[3:]:
-        still &= seen.fits & _gravity_stands(seen, windows, still & seen.fits)
+    for noise in noises[:3]:
+        still &= noise.steady
+    for noise in noises[3:]:
+        still &= noise.steady & _gravity_stands(noise, windows, still & noise.steady)
     stretches = _join(_shrink(still, windows), windows)
     longest = max(stretches, key=len, default=None)
     spans = [span for span in stretches if len(span) * period >= SHORTEST_SECONDS]
-    spans, others = _same_rate(spans, windows, looks, period)
+    spans, others = _same_rate(spans, windows, noises, period)
     return Quiet(
         spans=tuple(spans),
         longest=longest,
         missing=missing,
-        noise=tuple(seen.level for seen in looks[:3]),
+        noise=tuple(noise.level for noise in noises[:3]),
         accelerometer=bool(measured),
         other_rates=tuple(others),
         open=cause == Cause.OPEN,
@@ -177,20 +178,20 @@ def _measures(values: Values) -> bool:
     return bool(highest - lowest > DEAD_ACCELEROMETER * max(abs(lowest), abs(highest), 1e-300))
 
 
-def _gravity_stands(seen: Look, windows: Windows, still: Bools) -> Bools:
+def _gravity_stands(noise: AxisNoise, windows: Windows, still: Bools) -> Bools:
     """Tell where an axis of the accelerometer has stayed over ten windows, (w,)."""
     stands = np.ones(len(still), bool)
     reach = SLOW_WINDOWS + SLOW_MEAN
     if len(still) < reach:
         return stands
-    smooth = np.convolve(seen.mean, np.full(SLOW_MEAN, 1.0 / SLOW_MEAN), 'valid')
+    smooth = np.convolve(noise.mean, np.full(SLOW_MEAN, 1.0 / SLOW_MEAN), 'valid')
     step = np.abs(smooth[SLOW_WINDOWS:] - smooth[:-SLOW_WINDOWS])
     # Only where all windows in between are still, so that a span's ends do not suffer for others.
     run = np.convolve(still, np.ones(reach), 'valid')[: len(step)] > reach - 0.5
     run &= windows.part[reach - 1 :] == windows.part[: len(step)]
     if not run.any():
         return stands
-    limit = step_limit(step[run], seen.level, windows)
+    limit = step_limit(step[run], noise.level, windows)
     for k in np.flatnonzero(run & (step > limit)):
         stands[k : k + reach] = False
     return stands
@@ -220,7 +221,7 @@ def _join(still: Bools, windows: Windows) -> list[SampleSpan]:
 
 
 def _same_rate(
-    spans: list[SampleSpan], windows: Windows, looks: Sequence[Look], period: float
+    spans: list[SampleSpan], windows: Windows, noises: Sequence[AxisNoise], period: float
 ) -> tuple[list[SampleSpan], list[OtherRate]]:
     """Leave out spans whose rate is another than that of the accepted one beside them.
 
@@ -230,8 +231,8 @@ def _same_rate(
     if not spans:
         return spans, []
     longest = spans.index(max(spans, key=len))
-    means = np.array([seen.mean for seen in looks])
-    limits = np.array([seen.limit for seen in looks])
+    means = np.array([noise.mean for noise in noises])
+    limits = np.array([noise.limit for noise in noises])
     others: list[OtherRate] = []
 
     def end_mean(span: SampleSpan, *, last: bool) -> Floats:

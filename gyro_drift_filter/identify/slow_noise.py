@@ -32,7 +32,7 @@ import numpy as np
 from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.identify.series import Values
 from gyro_drift_filter.identify.timing import Timing
-from gyro_drift_filter.identify.windows import Look, Windows, cut, look, rows_of
+from gyro_drift_filter.identify.windows import AxisNoise, Windows, cut, measure_noise, rows_of
 
 # Where the quietest windows have a smaller share of their variance in differences over 20 ms than
 # this they are smooth: a body's motion up to 3 Hz, and no low-pass that gyroscopes have at 100 Hz.
@@ -59,7 +59,7 @@ _SHARE = 0.5
 # The same about the vertical, where gravity says nothing: as large as the others, to this ratio.
 _VERTICAL = 3.0
 
-_Slow = tuple[Windows, list[Look]]
+_Measured = tuple[Windows, list[AxisNoise]]
 
 
 class Cause(Enum):
@@ -70,71 +70,80 @@ class Cause(Enum):
     OPEN = 'open'  # the recording does not tell
 
 
-def is_smooth(seen: Look) -> bool:
+def is_smooth(noise: AxisNoise) -> bool:
     """Tell whether the quietest windows of an axis are smooth: motion, or slow noise."""
-    return seen.roughness < LEAST_ROUGHNESS
+    return noise.roughness < LEAST_ROUGHNESS
 
 
-def look_at_slow_noise(
-    looks: Sequence[Look], windows: Windows, axes: Sequence[Values], timing: Timing
-) -> tuple[Cause, _Slow]:
-    """Return whether it is slow noise, and windows long enough for it with what they show.
+def judge_slow_rates(
+    noises: Sequence[AxisNoise], windows: Windows, axes: Sequence[Values], timing: Timing
+) -> tuple[Cause, _Measured]:
+    """Return what slow rates are, and windows long enough for them with the noise in these.
 
     Args:
-        looks: At three axes of the gyroscope, and three of the accelerometer if there is one.
-        windows: Of these looks.
+        noises: Of three axes of the gyroscope, and three of the accelerometer if there is one.
+        windows: That they were measured in.
         axes: Samples of the same three or six.
         timing: Of the samples.
     """
-    slow = windows, list(looks)
-    smooth = any(map(is_smooth, looks[:3]))
-    if all(map(_has_settled, looks)) and not smooth:
-        return Cause.NOISE, slow
-    rough = [seen.roughness for seen in looks[:3] if np.isfinite(seen.roughness)]
+    measured = windows, list(noises)
+    smooth = any(map(is_smooth, noises[:3]))
+    if all(map(_is_forgotten, noises)) and not smooth:
+        return Cause.NOISE, measured
+    rough = [noise.roughness for noise in noises[:3] if np.isfinite(noise.roughness)]
     if smooth and max(rough) > ALIKE * LEAST_ROUGHNESS:
-        return Cause.MOTION, slow
-    longer = _lengthen(slow, axes, timing)
-    return (Cause.OPEN, slow) if longer is None else (_judge(longer, axes, timing), longer)
+        return Cause.MOTION, measured
+    longer = _lengthen(measured, axes, timing)
+    return (Cause.OPEN, measured) if longer is None else (_judge(longer, axes, timing), longer)
 
 
-def _has_settled(seen: Look) -> bool:
-    return not seen.settled < FORGOTTEN  # NaN where nothing changes
+def _is_forgotten(noise: AxisNoise) -> bool:
+    """Tell whether the noise forgets itself within a part of a window."""
+    return not noise.slow_roughness < FORGOTTEN  # NaN where nothing changes
 
 
-def _lengthen(slow: _Slow, axes: Sequence[Values], timing: Timing) -> _Slow | None:
+def _lengthen(measured: _Measured, axes: Sequence[Values], timing: Timing) -> _Measured | None:
     """Double the windows until the noise forgets itself within a part of one."""
-    windows, looks = slow
-    size = windows.size
-    while not all(map(_has_settled, looks)):
-        size *= 2
-        windows = cut(timing.parts(len(axes[0])), size)
-        if size * timing.period > LONGEST_WINDOW or len(windows.first) < LEAST_WINDOWS:
+    windows, noises = measured
+    while not all(map(_is_forgotten, noises)):
+        longer = _doubled(windows, axes, timing, LONGEST_WINDOW)
+        if longer is None:
             return None
-        looks = [look(axis, windows, timing.period) for axis in axes]
-    return windows, looks
+        windows, noises = longer
+    return windows, noises
 
 
-def _judge(slow: _Slow, axes: Sequence[Values], timing: Timing) -> Cause:
+def _doubled(
+    windows: Windows, axes: Sequence[Values], timing: Timing, longest: float
+) -> _Measured | None:
+    """Return windows of twice the size, up to so many s, and their noise; None without enough."""
+    size = 2 * windows.size
+    windows = cut(timing.parts(len(axes[0])), size)
+    if size * timing.period > longest or len(windows.first) < LEAST_WINDOWS:
+        return None
+    return windows, [measure_noise(axis, windows, timing.period) for axis in axes]
+
+
+def _judge(measured: _Measured, axes: Sequence[Values], timing: Timing) -> Cause:
     """Tell whether gravity stays where the rates, were they a turn, would move it."""
-    windows, looks = slow
-    least, size, first = 0.0, windows.size, math.inf
-    while True:
-        turned, moved, vertical = _movements(windows, looks, axes, timing.period)
-        if turned > _walked(size * timing.period) or vertical > _VERTICAL:
+    longer: _Measured | None = measured
+    first_size, first, before = measured[0].size, math.inf, 0.0
+    while longer is not None:
+        windows, noises = longer
+        turned, moved, vertical = _movements(windows, noises, axes, timing.period)
+        if turned > _walked(windows.size * timing.period) or vertical > _VERTICAL:
             return Cause.MOTION
         # Turns to and fro average out over longer times; what noise makes goes on to grow.
-        if not turned > least:
+        if not turned > before:
             return Cause.OPEN
         if moved < _SHARE * turned:
             return Cause.NOISE
         first = min(first, turned)
-        if len(axes) == 3 and size == _WALK_TIMES * slow[0].size:
+        if len(axes) == 3 and windows.size == _WALK_TIMES * first_size:
             return Cause.NOISE if turned > _WALK_GROWTH * first else Cause.OPEN
-        least, size = turned, 2 * size
-        windows = cut(timing.parts(len(axes[0])), size)
-        if size * timing.period > _LONGEST_COMPARED or len(windows.first) < LEAST_WINDOWS:
-            return Cause.OPEN
-        looks = [look(axis, windows, timing.period) for axis in axes]
+        before = turned
+        longer = _doubled(windows, axes, timing, _LONGEST_COMPARED)
+    return Cause.OPEN
 
 
 def _walked(seconds: float) -> float:
@@ -143,7 +152,7 @@ def _walked(seconds: float) -> float:
 
 
 def _movements(
-    windows: Windows, looks: Sequence[Look], axes: Sequence[Values], period: float
+    windows: Windows, noises: Sequence[AxisNoise], axes: Sequence[Values], period: float
 ) -> tuple[float, float, float]:
     """Return medians over calm windows of what moves gravity.
 
@@ -152,7 +161,7 @@ def _movements(
         parts of gravity, and the rate about the vertical over that about a horizontal axis.
         Without an accelerometer the second is infinite and the third 1.
     """
-    calm = np.logical_and.reduce([seen.calm for seen in looks])
+    calm = np.logical_and.reduce([noise.calm for noise in noises])
     found = []
     for group in windows.groups():
         six = np.stack([rows_of(axis, windows, group)[:, : windows.size] for axis in axes], axis=2)

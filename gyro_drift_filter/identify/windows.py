@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A recording cut into windows, and what is seen of one axis in each of them."""
+"""A recording cut into windows, and the noise of one axis in them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ LEAST_RATIO, LARGEST_RATIO = 1.35, 3.0
 LARGEST_STEP = 3.5
 # A spike: this many deviations off the median of itself and its neighbours.
 SPIKE = 6.0
-# Share of a window's largest deviations that the first look at the noise leaves out.
+# Share of a window's largest deviations that the first level of the noise leaves out.
 TRIMMED = 0.05
 # Where this share of the samples holds one value, the sensor's step hides its noise.
 STILL_SHARE = 0.3
@@ -45,7 +45,7 @@ STILL_SHARE = 0.3
 SMOOTH_SECONDS = 0.02
 # Noise that has forgotten itself within this part of a window gives it independent samples enough.
 MEMORY_SHARE = 8
-# Samples that are looked at together, to bound the memory.
+# Samples that are worked on together, to bound the memory.
 _GROUP = 1 << 18
 
 
@@ -66,28 +66,28 @@ class Windows:
 
 
 @dataclass(frozen=True)
-class Look:
-    """What is seen of one axis in w windows.
+class AxisNoise:
+    """The noise of one axis, as w windows show it.
 
     Attributes:
         mean: (w,).
         level: Deviation of the noise within a window.
         limit: How far two neighbouring means may lie apart.
         calm: (w,) which windows hold no more than that noise.
-        fits: (w,) which of these have a mean that stays, too.
+        steady: (w,) which of these have a mean that stays, too.
         roughness: Variance of the differences over `SMOOTH_SECONDS`, halved, over that of the
             samples; median of the calm windows. 1 is white, and 0 a straight line; NaN where
             nothing changes.
-        settled: The same over an eighth of a window.
+        slow_roughness: The same over an eighth of a window.
     """
 
     mean: Floats
     level: float
     limit: float
     calm: Bools
-    fits: Bools
+    steady: Bools
     roughness: float
-    settled: float
+    slow_roughness: float
 
 
 def cut(parts: Sequence[tuple[int, int]], size: int) -> Windows:
@@ -107,38 +107,22 @@ def rows_of(values: Values, windows: Windows, group: slice) -> Floats:
     return _rows(_load(values, windows, group, 0), windows, group)
 
 
-def look(values: Values, windows: Windows, period: float) -> Look:
-    """Look at one axis; isolated spikes are taken out.
+def measure_noise(values: Values, windows: Windows, period: float) -> AxisNoise:
+    """Measure the noise of one axis; isolated spikes are taken out.
 
     Args:
         values: (n,); may hold NaN.
         windows: Of the n samples.
         period: In s.
     """
-    # A coarse or dead-banded sensor stands still at rest: one of its steps counts as its noise.
     groups = list(windows.groups())
-    trimmed, steps = [], []
-    for group in groups:
-        samples = _load(values, windows, group, 0)
-        steps.append(_step_of_still_sensor(samples))
-        trimmed.append(_trimmed_deviations(_rows(samples, windows, group)))
-    step_size = min((step for step in steps if step), default=0.0)
-    first_level = max(_level(np.concatenate(trimmed))[0], step_size)
+    first_level, step_size = _first_level(values, windows, groups)
     lags = max(1, round(SMOOTH_SECONDS / period)), max(1, windows.size // MEMORY_SHARE)
-    seen = [
-        _statistics(
-            _rows(
-                _without_spikes(_load(values, windows, group, 1), SPIKE * first_level),
-                windows,
-                group,
-            ),
-            windows,
-            group,
-            lags,
-        )
-        for group in groups
-    ]
-    mean, deviation, enough, rough, settled = (np.concatenate(x) for x in zip(*seen, strict=True))
+    found = []
+    for group in groups:
+        samples = _without_spikes(_load(values, windows, group, 1), SPIKE * first_level)
+        found.append(_statistics(_rows(samples, windows, group), windows, group, lags))
+    mean, deviation, enough, *roughness = (np.concatenate(x) for x in zip(*found, strict=True))
     level, limit = _level(deviation[enough])
     level, limit = max(level, step_size), max(limit, LEAST_RATIO * step_size)
     calm = enough & (deviation <= limit)
@@ -147,10 +131,24 @@ def look(values: Values, windows: Windows, period: float) -> Look:
     furthest = step_limit(step[pairs], level, windows)
     jump = pairs & (step > furthest)
     # Which of the two moves is open: both are left out.
-    fits = calm.copy()
-    fits[1:] &= ~jump
-    fits[:-1] &= ~jump
-    return Look(mean, level, furthest, calm, fits, _median(rough[calm]), _median(settled[calm]))
+    steady = calm.copy()
+    steady[1:] &= ~jump
+    steady[:-1] &= ~jump
+    return AxisNoise(mean, level, furthest, calm, steady, *(_median(r[calm]) for r in roughness))
+
+
+def _first_level(values: Values, windows: Windows, groups: Sequence[slice]) -> tuple[float, float]:
+    """Return a first level of the noise, and the step that counts as noise, 0 without such a step.
+
+    A coarse or dead-banded sensor stands still at rest: one of its steps counts as its noise.
+    """
+    trimmed, steps = [], []
+    for group in groups:
+        samples = _load(values, windows, group, 0)
+        steps.append(_step_of_still_sensor(samples))
+        trimmed.append(_trimmed_deviations(_rows(samples, windows, group)))
+    step_size = min((step for step in steps if step), default=0.0)
+    return max(_level(np.concatenate(trimmed))[0], step_size), step_size
 
 
 def step_limit(steps: Floats, level: float, windows: Windows) -> float:
