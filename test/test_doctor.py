@@ -14,11 +14,13 @@
 
 """`gyro_drift doctor`: planted faults are found, none in sound ones, real ones are known."""
 
+import ast
 import json
 import math
 import re
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,9 +31,11 @@ from gyro_drift_filter.bags.replay import replay
 from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
+from gyro_drift_filter.doctor import examination, live_rules
 from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
+from gyro_drift_filter.doctor.covariances import QUANTITIES
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault
 from gyro_drift_filter.doctor.live_rules import starts_anew
@@ -45,7 +49,9 @@ from gyro_drift_filter.doctor.rests import (
 from gyro_drift_filter.doctor.vibration import judge_vibration
 from gyro_drift_filter.identify import repeats as identify_repeats
 from gyro_drift_filter.identify.series import LARGEST_PART
+from gyro_drift_filter.messages.filter_rules import FILTER_RULES
 from gyro_drift_filter.messages.imu import IMU_TYPE
+from gyro_drift_filter.messages.input_rules import INPUT_RULES
 from gyro_drift_filter.recordings.examined import read_recording
 from gyro_drift_filter.rotations import from_vectors, multiply, running_products
 from gyro_drift_filter.simulation.bag import TOPIC, write_simulation
@@ -1138,3 +1144,16 @@ def test_a_time_without_messages_is_told(tmp_path, capsys):
 
 def test_control_characters_do_not_reach_the_terminal():
     assert '\x1b' not in page('\x1b[2J', [Finding('a', FindingVerdict.SOUND, 'b\x1b[1m')])
+
+
+def test_findings_named_in_tables_exist():
+    """A name with a slip in it would leave a consequence beside its fault, and nobody would see."""
+    made: set[object] = {rule.name for rule in (*INPUT_RULES, *FILTER_RULES)}
+    made |= {f'invented covariance of {quantity}' for quantity in QUANTITIES}
+    for module in Path(examination.__file__).parent.glob('*.py'):
+        for node in ast.parse(module.read_text()).body:
+            if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                made |= {part.value for part in ast.walk(node) if isinstance(part, ast.Constant)}
+    consequences = examination.CONSEQUENCES
+    named = examination.OF_UNITS.union(consequences, *consequences.values(), live_rules.LEFT_OUT)
+    assert named <= made

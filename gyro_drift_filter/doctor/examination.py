@@ -88,14 +88,16 @@ class Examined:
     truncation_refuted: bool
 
 
-_OF_DEGREES = {'beyond bias.max', 'rests', 'clipped', 'contradicts gravity', _INVENTED_RATE}
+# Findings go by their names: a rule of `/diagnostics` gives one its own name (`live_rules.py`), all
+# others are named where they are made. `test_findings_named_in_tables_exist` looks for each.
 # Rates or accelerations are in another unit, or may be.
 OF_UNITS = {
     *('degrees', 'noise in degrees', 'unit of rates', 'beyond bias.max'),
     *('unit of acceleration', 'scale of acceleration', 'no gravity', 'beyond gravity'),
 }
-# Faults that others come of by themselves: these are left out beside them.
-_FOLLOWS = {
+_OF_DEGREES = {'beyond bias.max', 'rests', 'clipped', 'contradicts gravity', _INVENTED_RATE}
+# Of a fault, those that come of it by themselves: they are left out beside it.
+CONSEQUENCES = {
     'degrees': {'noise in degrees', *_OF_DEGREES},
     'unit of rates': {'degrees', 'noise in degrees', *_OF_DEGREES},
     'noise in degrees': _OF_DEGREES,
@@ -242,13 +244,13 @@ def _with_constant_axes(findings: list[Finding], seen: Examined) -> list[Finding
 
 
 def _sorted(findings: list[Finding]) -> list[Finding]:
-    """Return findings, the faults first, without those that come of others."""
+    """Return findings, the faults first, without the consequences of others."""
     faults = {finding.name for finding in findings if finding.is_fault}
-    following = {other for name in faults for other in _FOLLOWS.get(name, ())}
+    consequences = {other for name in faults for other in CONSEQUENCES.get(name, ())}
     order = (FindingVerdict.FAULT, FindingVerdict.UNKNOWN, FindingVerdict.SOUND)
     left: dict[tuple[str, FindingVerdict], Finding] = {}
     for finding in findings:
-        if not (finding.is_fault and finding.name in following):
+        if not (finding.is_fault and finding.name in consequences):
             # Gravity and a rule may both tell of degrees: the first one says more.
             left.setdefault((finding.name, finding.verdict), finding)
     return sorted(left.values(), key=lambda finding: order.index(finding.verdict))

@@ -34,7 +34,7 @@ from gyro_drift_filter.messages.telemetry import Telemetry
 from gyro_drift_filter.phrases import by_axis, counted
 
 # Of these the recording says nothing, or they are about the filter's settings.
-_LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bias for long'}
+LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bias for long'}
 # The rates at the reports to which these apply tell more of them.
 _RATED = {'beyond bias.max', 'no rest'}
 # What is learned of the noise may pass through anything while it is learned: a low-pass shows for
@@ -102,7 +102,7 @@ class RuleLog:
         if seconds > _LONGEST_REPORT:
             judged = min(seconds, max(self._recorded_seconds(span), _USUAL_REPORT))
         for rule in rules:
-            if rule.level == Level.OK or rule.name in _LEFT_OUT:
+            if rule.level == Level.OK or rule.name in LEFT_OUT:
                 continue
             text = rule.message(span)
             entry = self.applied.setdefault(rule.name, Applied(rule, self.seconds, 0.0, text, span))
