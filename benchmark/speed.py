@@ -32,12 +32,13 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from benchmark import live
 from benchmark.figures import Figure, tell_figures
-from benchmark.measure import ROOT, cost_of, median_costs
+from benchmark.measure import ROOT, Cost, cost_of, median_costs
 from benchmark.tiled import short_one, write_tiled
 from gyro_drift_filter.accelerate.kernels import is_extension
 from gyro_drift_filter.cli.printing import tell
@@ -138,14 +139,21 @@ def node(repetitions: int, *, quick: bool) -> Iterator[Figure]:
         )
 
 
-def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
-    """Measure `gyro_drift replay` beside a plain loop and a copy, and its memory and growth."""
-    name, rows = short_one()
-    small, plain, large, huge = (
-        (20_000, 20_000, 200_000, 1_000_000) if quick else (100_000, 200_000, 1_000_000, 10_000_000)
-    )
-    bags = {n: write_tiled(rows, n, folder / f'{name}_{n}') for n in {small, plain, large, huge}}
-    out, page = folder / 'out', folder / 'page.html'
+class _Sizes(NamedTuple):
+    """Messages of the bags that are replayed."""
+
+    small: int
+    loop: int  # of the plain loop, which is slow
+    large: int
+    huge: int
+
+
+def _replay_costs(
+    repetitions: int, folder: Path, rows: list[tuple[int, bytes]], sizes: _Sizes
+) -> dict[str, Cost]:
+    """Return what replays, a plain loop, a copy and a page cost, of bags made of these messages."""
+    out, page, kept = folder / 'out', folder / 'page.html', folder / 'kept.mcap'
+    bags = {n: write_tiled(rows, n, folder / f'bag_{n}') for n in {100, *sizes}}
 
     def clear() -> None:
         shutil.rmtree(out, ignore_errors=True)
@@ -158,63 +166,71 @@ def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
     def by_hand(what: str, source: Path, *options: str) -> list[str]:
         return [sys.executable, '-m', 'benchmark.plain', what, str(source), str(out), *options]
 
-    cost_of(ours(large))
-    kept = folder / 'kept.mcap'
+    cost_of(ours(sizes.large))
     (out / 'out.mcap').rename(kept)
     costs = median_costs(
         {
-            'replay': ours(large),
+            'replay': ours(sizes.large),
             'copy': by_hand('copy', kept),
-            'loop': by_hand('loop', bags[plain]),
-            'replay, all': ours(large, '--diagnostics'),
-            'loop, all': by_hand('loop', bags[plain], '--diagnostics'),
-            'small': ours(small),
-            'page': [REPLAY, 'report', str(bags[large]), '-o', str(page), '--quiet'],
+            'loop': by_hand('loop', bags[sizes.loop]),
+            'replay, all': ours(sizes.large, '--diagnostics'),
+            'loop, all': by_hand('loop', bags[sizes.loop], '--diagnostics'),
+            'small': ours(sizes.small),
+            'page': [REPLAY, 'report', str(bags[sizes.large]), '-o', str(page), '--quiet'],
+            'start': ours(100),
         },
         repetitions,
         clear,
     )
-    each = {key: cost.seconds / large * 1e6 for key, cost in costs.items() if key[0] == 'r'}
-    each |= {key: cost.seconds / plain * 1e6 for key, cost in costs.items() if key[0] == 'l'}
-    copy = costs['copy'].seconds / large * 1e6
+    clear()
+    return costs | {'huge': cost_of(ours(sizes.huge))}
+
+
+def replay(repetitions: int, folder: Path, *, quick: bool) -> Iterator[Figure]:
+    """Measure `gyro_drift replay` beside a plain loop and a copy, and its memory and growth."""
+    name, rows = short_one()
+    sizes = _Sizes(100_000, 200_000, 1_000_000, 10_000_000)
+    if quick:
+        sizes = _Sizes(20_000, 20_000, 200_000, 1_000_000)
+    costs = _replay_costs(repetitions, folder, rows, sizes)
+    replayed, made, last = costs['replay'], costs['page'], costs['huge']
+    large, huge = f'{sizes.large:,}', f'{sizes.huge:,}'
+
+    def in_us(seconds: float, messages: int) -> float:
+        return seconds / messages * 1e6
+
     for key, other, bar in (('replay', 'loop', 15.0), ('replay, all', 'loop, all', 8.0)):
+        ours, theirs = (
+            in_us(costs[key].seconds, sizes.large),
+            in_us(costs[other].seconds, sizes.loop),
+        )
         yield Figure(
-            f'{key}, {large:,} messages of {name}',
-            f'{each[key]:.1f} us',
-            f'{each[other]:.0f} us',
-            f'plain loop over {plain:,}, times faster',
-            each[other] / each[key],
+            f'{key}, {large} messages of {name}',
+            f'{ours:.1f} us',
+            f'{theirs:.0f} us',
+            f'plain loop over {sizes.loop:,}, times faster',
+            theirs / ours,
             bar,
             at_least=True,
         )
-    yield Figure.of_ratio(
-        'replay, a message', '{:.1f} us', (each['replay'], copy), 'copy of its output', 3.0
-    )
-    made, replayed = costs['page'], costs['replay']
+    times = in_us(replayed.seconds, sizes.large), in_us(costs['copy'].seconds, sizes.large)
+    yield Figure.of_ratio('replay, a message', '{:.1f} us', times, 'copy of its output', 3.0)
     seconds = made.seconds, replayed.seconds
-    yield Figure.of_ratio(f'report of {large:,}', '{:.1f} s', seconds, 'replay of the same', 3.0)
-    yield Figure.of_ratio(
-        f'report of {large:,}, memory', '{:.0f} MB', (made.memory, 1500.0), 'limit', 1.0
-    )
-    bags[100] = write_tiled(rows, 100, folder / 'nothing')
-    start = median_costs({'start': ours(100)}, repetitions, clear)['start'].seconds
-    clear()
-    last = cost_of(ours(huge))
-    slow, fast = (
-        (cost - start) / n * 1e6
-        for cost, n in ((last.seconds, huge), (costs['small'].seconds, small))
-    )
+    yield Figure.of_ratio(f'report of {large}', '{:.1f} s', seconds, 'replay of the same', 3.0)
+    memory = made.memory, 1500.0
+    yield Figure.of_ratio(f'report of {large}, memory', '{:.0f} MB', memory, 'limit', 1.0)
     for against, most, bar in (
-        (f'replay of {large:,}', replayed.memory, 1.1),
+        (f'replay of {large}', replayed.memory, 1.1),
         ('limit', 400.0, 1.0),
     ):
-        numbers = last.memory, most
-        yield Figure.of_ratio(f'replay of {huge:,}, memory', '{:.0f} MB', numbers, against, bar)
+        memory = last.memory, most
+        yield Figure.of_ratio(f'replay of {huge}, memory', '{:.0f} MB', memory, against, bar)
+    slow, fast = (costs[key].seconds - costs['start'].seconds for key in ('huge', 'small'))
     yield Figure.of_ratio(
-        f'replay of {huge:,}, time a message without start-up',
+        f'replay of {huge}, time a message without start-up',
         '{:.2f} us',
-        (slow, fast),
-        f'replay of {small:,}',
+        (in_us(slow, sizes.huge), in_us(fast, sizes.small)),
+        f'replay of {sizes.small:,}',
         1.15,
     )
 
