@@ -67,56 +67,51 @@ def main() -> int:
     driven, helped = output / 'driven', output / 'driven_filtered'
     bag, live = output / 'simulated', output / 'live'
     replayed = {method: output / f'replayed_{method}' for method in METHOD_NAMES}
-    figures = [output / 'heading.png', output / 'static.png', output / 'dynamic.png']
+    heading, static, dynamic = (output / f'{n}.png' for n in ('heading', 'static', 'dynamic'))
     bags = [driven, truth_path(driven), helped, bag, truth_path(bag), live, *replayed.values()]
-    written = [*bags, *figures]
+    written = [*bags, heading, static, dynamic]
     output.mkdir(parents=True, exist_ok=True)
     for path in written:  # of an earlier run
         shutil.rmtree(path, ignore_errors=True)
         path.unlink(missing_ok=True)
-
-    drive = simulate_drive(options.seed)
-    write_simulation(driven, drive.recording)
-    print(f'A robot that drives and stands, its gyroscope warming up: {driven}')
-    print(replay_with_verdict(driven, helped), end='\n\n')
-    turned = {
-        name: heading_error(rates, drive.rates)
-        for name, rates in {
-            'raw': read_rates(driven, TOPIC),
-            'adaptive': read_rates(helped, _TOPICS.filtered),
-        }.items()
-    }
-    print(heading_table(turned), end='\n\n')
-    draw_heading(figures[0], drive, turned)
+    show_drive(options.seed, driven, helped, heading)
 
     simulation = simulate(SimulationSettings(seed=options.seed))
     write_simulation(bag, simulation)
     print(f'simulated {len(simulation.stamps)} samples at 100 Hz: {bag}')
-
     print('playing them into the node over ROS 2 ...')
     filter_live(bag, live)
     parameters = read_parameters(SHIPPED).with_names({'bias.enabled': False})
-    flags = {}
-    rates = {'raw': read_rates(bag, TOPIC)}
+    rates, flags = {'raw': read_rates(bag, TOPIC)}, {}
     for method, path in replayed.items():
         replay(bag, path, parameters=parameters.with_names({'method': method}), diagnostics=True)
-        rates[method] = read_rates(path, _TOPICS.filtered)
-        flags[method] = read_flags(path)
-    same = read_messages(live, _TOPICS.filtered) == read_messages(
-        replayed[parameters.method], _TOPICS.filtered
+        rates[method], flags[method] = read_rates(path, _TOPICS.filtered), read_flags(path)
+    online, offline = (
+        read_messages(path, _TOPICS.filtered) for path in (live, replayed[parameters.method])
     )
-    count = len(simulation.stamps)
-    print(
-        f'live and offline agree in every bit of {count} messages\n'
-        if same
-        else 'LIVE AND OFFLINE DIFFER\n'
-    )
+    same, count = online == offline, len(simulation.stamps)
+    agree = f'live and offline agree in every bit of {count} messages'
+    print(agree if same else 'LIVE AND OFFLINE DIFFER', end='\n\n')
     print(static_table(simulation, rates), end='\n\n')
     print(dynamic_table(simulation, rates, flags), end='\n\n')
-    draw_static(figures[1], simulation, rates)
-    draw_dynamic(figures[2], simulation, rates)
+    draw_static(static, simulation, rates)
+    draw_dynamic(dynamic, simulation, rates)
     print('wrote ' + '\n      '.join(str(path) for path in written))
     return 0 if same else 1
+
+
+def show_drive(seed: int, driven: Path, helped: Path, figure: Path) -> None:
+    """Simulate a robot into a bag, filter it into another one, and show and draw its heading."""
+    drive = simulate_drive(seed)
+    write_simulation(driven, drive.recording)
+    print(f'A robot that drives and stands, its gyroscope warming up: {driven}')
+    print(replay_with_verdict(driven, helped), end='\n\n')
+    turned = {
+        'raw': heading_error(read_rates(driven, TOPIC), drive.rates),
+        'adaptive': heading_error(read_rates(helped, _TOPICS.filtered), drive.rates),
+    }
+    print(heading_table(turned), end='\n\n')
+    draw_heading(figure, drive, turned)
 
 
 def replay_with_verdict(bag: Path, destination: Path) -> str:
