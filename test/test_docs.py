@@ -103,6 +103,13 @@ def test_the_verdict_that_the_page_shows_is_that_of_the_program(tmp_path, capsys
     assert f'\n\n{shown[0]}\n' in capsys.readouterr().out
 
 
+@pytest.mark.slow
+def test_the_findings_that_the_page_shows_are_those_of_the_program(capsys):
+    assert main(['doctor', str(recorded(RECORDINGS / 'broad_24_tapping'))]) == 3
+    (shown,) = (b.text for b in blocks(REPOSITORY / 'docs' / 'doctor.md') if b.language == 'text')
+    assert capsys.readouterr().out == shown
+
+
 def test_no_two_pages_make_what_has_the_same_name():
     """A reader follows them in one folder, where the second one would meet what the first made."""
     made = {}
