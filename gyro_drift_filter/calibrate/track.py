@@ -14,7 +14,8 @@
 
 """A recording of turns by hand as samples in time: where it is broken by a gap or a clipped rate.
 
-Stamps may be those of arrival, and the clock may have been set back.
+Stamps may be those of arrival, and the clock may have been set back. Unlike `identify/timing.py`,
+which takes samples to be evenly spaced, this keeps the time of each one, as turns are sums over it.
 """
 
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from gyro_drift_filter.phrases import without_rate
 
 LEAST_SAMPLES = 10  # fewer hold no rest
 GAP_PERIODS = 5
+# So many messages in a row behind one that goes back show whether the clock was set back.
+FOLLOWING = 5
 # Stamps of which more steps than this share are off by half a period are those of arrival.
 UNEVEN = 0.05
 LONGEST_BURST = 0.6  # s, that a driver or the network holds messages back
@@ -115,10 +118,14 @@ def make_track(stamps: Integers, rates: Floats, accelerations: Floats) -> Track:
 def _where_set_back(stamps: Integers, rates: Floats) -> list[int]:
     """Return the first samples after the clock of the stamps (n,) was set back.
 
-    A message that comes late, or twice, is followed by one that goes on. Behind a clock that was
-    set back one after the other lies in the past, and in order, unlike stamps that are uneven by
-    many periods. So do messages that were held back together, but not for longer than a burst
-    lasts, and what they fill was empty: a sensor does not measure another time in the same time.
+    Where stamps go back, those that follow tell why:
+
+    - a message was late, or came twice: the next one goes on;
+    - stamps are uneven by many periods: those that follow are in no order;
+    - messages were held back together: they lie in the past by no more than a burst lasts, and fill
+      a time that was empty, as a sensor does not measure twice at a time;
+    - the clock was set back: they lie in the past and in order, by more than a burst lasts, or in a
+      time that was measured already.
     """
     found: list[int] = []
     fresh = np.flatnonzero(~_are_repeated(stamps, rates))
@@ -128,8 +135,8 @@ def _where_set_back(stamps: Integers, rates: Floats) -> list[int]:
         latest = int(times[checked:k].max())
         newest = latest if checked == begin else max(newest, latest)
         checked = k
-        late = times[k : k + GAP_PERIODS + 1]
-        if len(late) <= GAP_PERIODS or (late > newest).any() or (np.diff(late) < 0).any():
+        late = times[k : k + FOLLOWING + 1]
+        if len(late) <= FOLLOWING or (late > newest).any() or (np.diff(late) < 0).any():
             continue
         earlier = times[max(begin, k - round(LONGEST_BURST * FASTEST_SENSOR)) : k]
         again = (earlier >= late.min()) & (earlier <= late.max())
