@@ -227,10 +227,10 @@ class RestsOfOneRecording:
             length = np.linalg.norm(vector)
             direction = vector / length
             by_errors = blocks.no_errors(1)
-            by_errors[0, blocks.columns(Source.ACCELERATION, rest)] = direction @ matrix / GRAVITY
+            by_errors[0, Source.ACCELERATION, rest] = direction @ matrix / GRAVITY
             value = np.array([length / GRAVITY - 1.0])
             jacobian = (direction @ by_unknowns[rest] / GRAVITY)[None]
-            blocks.add(value, jacobian, by_errors, np.zeros((1, 1)))
+            blocks.add(value, jacobian, by_errors.reshape(1, -1), np.zeros((1, 1)))
 
     def _add_leg(
         self,
@@ -250,10 +250,11 @@ class RestsOfOneRecording:
         jacobian, by_errors, by_edges = np.zeros((3, UNKNOWNS)), *blocks.no_errors(2, 3)
         jacobian[:, MATRIX] = derivatives.by_matrix
         for rest, by_bias, sign in zip(leg.rests, derivatives.by_biases, (1.0, -1.0), strict=True):
-            by_errors[:, blocks.columns(Source.RATE, rest)] = by_bias
-            by_edges[:, blocks.columns(Source.EDGE, rest)] = sign * np.eye(3)
+            by_errors[:, Source.RATE, rest] = by_bias
+            by_edges[:, Source.EDGE, rest] = sign * np.eye(3)
         if gravity is None:
-            rows, vector, by_errors = np.eye(3), _vector(way.rotation), by_errors + by_edges
+            rows, vector = np.eye(3), _vector(way.rotation)
+            by_errors += by_edges
         else:
             before, behind = directions = _directions(gravity, leg)
             vector = _between(before, way.rotation @ behind)
@@ -262,15 +263,14 @@ class RestsOfOneRecording:
                 length, of_rest = np.linalg.norm(gravity[rest]), by_unknowns[rest]
                 jacobian += by @ ((of_rest - np.outer(direction, direction @ of_rest)) / length)
                 across = (np.eye(3) - np.outer(direction, direction)) / length
-                by_acceleration = by @ across @ upper(unknowns)
-                by_errors[:, blocks.columns(Source.ACCELERATION, rest)] = by_acceleration
+                by_errors[:, Source.ACCELERATION, rest] = by @ across @ upper(unknowns)
             rows = np.linalg.svd(before[None])[2][1:]
             if self._is_back(leg, way, gravity):  # and about the vertical the edge tells
                 rows = np.vstack([rows, before])
                 vector = vector + before * float(before @ _vector(way.rotation))
-                by_errors = by_errors + np.outer(before, before) @ by_edges
+                by_errors += np.tensordot(np.outer(before, before), by_edges, 1)
         own = self._variance_on_the_way(leg, matrix) * np.eye(len(rows))
-        blocks.add(rows @ vector, rows @ jacobian, rows @ by_errors, own)
+        blocks.add(rows @ vector, rows @ jacobian, rows @ by_errors.reshape(3, -1), own)
 
     def _variance_on_the_way(self, leg: Leg, matrix: Floats) -> float:
         """Return the variance in rad^2 that noise and bias add to each axis between the rests."""
@@ -296,21 +296,17 @@ class _Blocks:
         self._rests = rests
         self.rows: list[Integers] = []
         # Of no residuals, so that there is something to concatenate.
-        nothing = np.zeros(0), np.zeros((0, UNKNOWNS)), self.no_errors(0), np.zeros((0, 0))
+        no_errors = np.zeros((0, self.no_errors().size))
+        nothing = np.zeros(0), np.zeros((0, UNKNOWNS)), no_errors, np.zeros((0, 0))
         self._parts: list[tuple[Floats, Floats, Floats, Floats]] = [nothing]
         self._count = 0
 
     def no_errors(self, *shape: int) -> Floats:
-        """Return derivatives (..., e) of residuals by all errors at the rests, all zero."""
-        return np.zeros((*shape, 3 * len(Source) * self._rests))
-
-    def columns(self, source: Source, rest: int) -> slice:
-        """Return which of them are those by an error at a rest."""
-        first = 3 * (source * self._rests + rest)
-        return slice(first, first + 3)
+        """Return derivatives by the errors of all sources at m rests, zero: (..., 3, m, 3)."""
+        return np.zeros((*shape, len(Source), self._rests, 3))
 
     def add(self, values: Floats, jacobian: Floats, by_errors: Floats, own: Floats) -> None:
-        """Add r residuals, their derivatives by unknowns and errors, and their own covariance."""
+        """Add r residuals, their derivatives by unknowns and e errors, and their own covariance."""
         self.rows.append(np.arange(self._count, self._count + len(values)))
         self._count += len(values)
         self._parts.append((values, jacobian, by_errors, own))

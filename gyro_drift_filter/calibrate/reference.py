@@ -116,19 +116,13 @@ class _Span:
 
 
 class _Turned(NamedTuple):
-    """How the sensor has turned since the first sample of a span, at n times.
+    """How the sensor has turned since the first sample of a span, at n times."""
 
-    Attributes:
-        rotations: (n, 4) from its axes at each time to those at first.
-        rates: (n, 3) by the matrix, in rad/s.
-        by_matrix: (n, 3, 9) derivatives of the rotation vector, in the first axes, by the matrix.
-        by_bias: (n, 3, 3) and by the bias.
-    """
-
-    rotations: Floats
-    rates: Floats
-    by_matrix: Floats
-    by_bias: Floats
+    rotations: Floats  # (n, 4) from its axes at each time to those at first
+    rates: Floats  # (n, 3) by the matrix, in rad/s
+    # Derivatives of the rotation vector in the first axes.
+    by_matrix: Floats  # (n, 3, 9)
+    by_bias: Floats  # (n, 3, 3)
 
 
 class ReferenceOfOneRecording:
