@@ -23,6 +23,7 @@ Simulated: noise of deviation 0.0061 rad/s and correlation 0.167, about that of 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from typing import Any
 
@@ -282,8 +283,8 @@ def _lost_in_stands(
         rates += tone * HUM_RATES
         accelerations += tone * HUM_FORCES
     rates[:, 2] += truth
-    bias = _biases(rates + motion, accelerations + motion, rate)[:, 2]
-    return _largest_angle(bias - truth, rate)
+    biases = _biases(rates + motion, accelerations + motion, rate)
+    return _largest_angle(biases[:, 2] - truth, rate)
 
 
 def _largest_angle(errors: Floats, rate: float) -> float:
@@ -326,8 +327,7 @@ def slow_turns_in_drives(random: np.random.Generator, rate: float, *, steady: bo
             speed = random.uniform(0.3, 2.0)
         if turns % 4 == 0:
             begin += random.uniform(5.0, 12.0)
-    bias = _biases(rates, accelerations, rate)[:, 2]
-    return _largest_angle(bias, rate)
+    return _largest_angle(_biases(rates, accelerations, rate)[:, 2], rate)
 
 
 def _smooth(random: np.random.Generator, n: int, rate: float) -> Floats:
@@ -387,6 +387,10 @@ def warm_up_standing(random: np.random.Generator, rate: float) -> tuple[Floats, 
     return errors[round(CYCLE * rate) : begin], errors[begin:]
 
 
+Rows = Iterator[Sequence[str]]
+TABLES: list[tuple[str, Sequence[str], Callable[['Trials'], Rows]]] = []
+
+
 @dataclass(frozen=True)
 class Trials:
     """The same world once for each seed, with samples at a rate in Hz."""
@@ -412,172 +416,175 @@ def _median_and_worst(values: Floats, decimals: int = 1) -> str:
     return f'{np.median(values):.{decimals}f}  {values.max():.{decimals}f}'
 
 
-def _titled(title: str, rows: Sequence[Sequence[str]]) -> str:
-    return f'{title}\n\n{table(rows)}'
+def _table(title: str, head: Sequence[str]) -> Callable[[Callable[[Trials], Rows]], None]:
+    """List what yields the rows of a table in `TABLES`, with its title and head."""
+    return lambda rows: TABLES.append((title, head, rows))
 
 
-def _slow_turns(trials: Trials) -> str:
-    rows = [['deg/s', *(f'{name}: median  worst' for name in TURNS)]]
-    error_rows = [['deg/s', *(f'{name}: before  after' for name in TURNS)]]
+@cache
+def _biases_in_turns(trials: Trials) -> dict[float, list[Floats]]:
+    """Return the biases before and at the end of a turn, (seeds, 2) for each of `TURNS`."""
+    found = {}
     for speed in SPEEDS:
         tell(f'turning at {speed:g} deg/s ...')
-        row, error_row = [f'{speed:g}'], [f'{speed:g}']
-        for turn in TURNS.values():
-            biases = trials.results(slow_turn, speed, **turn)
-            shares = np.abs(biases[:, 1] - biases[:, 0]) / speed
-            row.append(_median_and_worst(shares, 3))
-            before, after = np.sqrt(np.mean(np.square(biases), axis=0))
-            error_row.append(f'{before:.4f}  {after:.4f}')
-        rows.append(row)
-        error_rows.append(error_row)
-    changed = _titled(
-        f'by what share of a turn of {TURN} s after {REST} s of rest the bias has changed', rows
-    )
-    errors = _titled(
-        'error of the bias before the turn and after it, root mean square, deg/s', error_rows
-    )
-    return f'{changed}\n\n{errors}'
+        found[speed] = [trials.results(slow_turn, speed, **turn) for turn in TURNS.values()]
+    return found
 
 
-def _swings(trials: Trials) -> str:
-    rows = [['deg/s', 'period (s)', 'bias (deg/s)', 'heading (deg)']]
+@_table(
+    f'by what share of a turn of {TURN} s after {REST} s of rest the bias has changed',
+    ['deg/s', *(f'{name}: median  worst' for name in TURNS)],
+)
+def _changes(trials: Trials) -> Rows:
+    for speed, of_turns in _biases_in_turns(trials).items():
+        shares = (np.abs(biases[:, 1] - biases[:, 0]) / speed for biases in of_turns)
+        yield [f'{speed:g}', *(_median_and_worst(share, 3) for share in shares)]
+
+
+@_table(
+    'error of the bias before the turn and after it, root mean square, deg/s',
+    ['deg/s', *(f'{name}: before  after' for name in TURNS)],
+)
+def _errors(trials: Trials) -> Rows:
+    for speed, of_turns in _biases_in_turns(trials).items():
+        errors = (np.sqrt(np.mean(np.square(biases), axis=0)) for biases in of_turns)
+        yield [f'{speed:g}', *(f'{before:.4f}  {after:.4f}' for before, after in errors)]
+
+
+@_table(
+    f'how far a turn of {SWING} s to and fro after {STILL} s of rest moves the bias at most, '
+    'and the\nheading that is lost by the bias, median and worst',
+    ['deg/s', 'period (s)', 'bias (deg/s)', 'heading (deg)'],
+)
+def _swings(trials: Trials) -> Rows:
     for speed, period in product(SWINGS, PERIODS):
         tell(f'turning to and fro at {speed:g} deg/s within {period} s ...')
         moved, lost = trials.results(to_and_fro, speed, period).T
-        columns = _median_and_worst(moved, 3), _median_and_worst(lost)
-        rows.append([f'{speed:g}', f'{period}', *columns])
-    return _titled(
-        f'how far a turn of {SWING} s to and fro after {STILL} s of rest moves the bias at most, '
-        'and the\nheading that is lost by the bias, median and worst',
-        rows,
-    )
+        yield [f'{speed:g}', f'{period}', _median_and_worst(moved, 3), _median_and_worst(lost)]
 
 
-def _rolls(trials: Trials) -> str:
-    rows = [['deg', 'period (s)', 'lost (deg)']]
+@_table(
+    f'angle that is lost by the bias of a body that rolls for {ROLLED} s after {STILL} s of '
+    'rest,\nmedian and worst',
+    ['deg', 'period (s)', 'lost (deg)'],
+)
+def _rolls(trials: Trials) -> Rows:
     for size, period in ROLLS:
         tell(f'rolling to and fro by {size:g} deg within {period:g} s ...')
-        rows.append([f'{size:g}', f'{period:g}', trials.lost(rolled, size, period)])
-    return _titled(
-        f'angle that is lost by the bias of a body that rolls for {ROLLED} s after {STILL} s of '
-        'rest,\nmedian and worst',
-        rows,
-    )
+        yield [f'{size:g}', f'{period:g}', trials.lost(rolled, size, period)]
 
 
-def _tilts(trials: Trials) -> str:
-    rows = [['deg/s', 'lost (deg)', 'noisy accelerometer (deg)']]
+@_table(
+    f'angle that is lost by the bias of a body that tilts and stops in turns for {TILTED} s '
+    f'after {STILL} s\nof rest, median and worst',
+    ['deg/s', 'lost (deg)', 'noisy accelerometer (deg)'],
+)
+def _tilts(trials: Trials) -> Rows:
     for speed in TILTS:
         tell(f'tilting to and fro at {speed:g} deg/s ...')
         lost = (trials.lost(tilted, speed, loud=loud) for loud in (False, True))
-        rows.append([f'{speed:g}', *lost])
-    return _titled(
-        f'angle that is lost by the bias of a body that tilts and stops in turns for {TILTED} s '
-        f'after {STILL} s\nof rest, median and worst',
-        rows,
-    )
+        yield [f'{speed:g}', *lost]
 
 
-def _jumps_at_rest(trials: Trials) -> str:
-    rows = [['deg/s', 'median (s)', 'known in']]
+@_table(
+    f'after how long at rest a bias is known that jumps in any direction, up to {AFTER_JUMP} s',
+    ['deg/s', 'median (s)', 'known in'],
+)
+def _jumps_at_rest(trials: Trials) -> Rows:
     for size in JUMPS:
         tell(f'jumping by {size:g} deg/s ...')
         after = trials.results(jump, size)
         known = np.mean(np.isfinite(after))
-        rows.append([f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %'])
-    return _titled(
-        f'after how long at rest a bias is known that jumps in any direction, up to {AFTER_JUMP} s',
-        rows,
-    )
+        yield [f'{size:g}', f'{np.median(after):.1f}', f'{100 * known:.0f} %']
 
 
-def _jumps_in_stands(trials: Trials) -> str:
-    rows = [['deg/s', 'heading (deg)']]
+@_table(
+    'the heading that is lost, median and worst, where a bias jumps about the vertical, while '
+    f'a\nrobot stands, within {DRIVE} s of stands of {STAND} s and {MOTION} s of motion',
+    ['deg/s', 'heading (deg)'],
+)
+def _jumps_in_stands(trials: Trials) -> Rows:
     for size in JUMPS:
         tell(f'jumping by {size:g} deg/s between drives ...')
-        rows.append([f'{size:g}', trials.lost(jump_in_stand, size)])
-    return _titled(
-        'the heading that is lost, median and worst, where a bias jumps about the vertical, while '
-        f'a\nrobot stands, within {DRIVE} s of stands of {STAND} s and {MOTION} s of motion',
-        rows,
-    )
+        yield [f'{size:g}', trials.lost(jump_in_stand, size)]
 
 
-def _warm_ups_in_stands(trials: Trials) -> str:
-    rows = [['deg/s', 'heading (deg)']]
+@_table(
+    f'the same where the bias warms up, with a time constant of {WARMING_SECONDS:g} s',
+    ['deg/s', 'heading (deg)'],
+)
+def _warm_ups_in_stands(trials: Trials) -> Rows:
     for size in WARM_UPS:
         tell(f'warming up by {size:g} deg/s between drives ...')
-        rows.append([f'{size:g}', trials.lost(warm_up_in_stands, size)])
-    return _titled(
-        f'the same where the bias warms up, with a time constant of {WARMING_SECONDS:g} s', rows
-    )
+        yield [f'{size:g}', trials.lost(warm_up_in_stands, size)]
 
 
-def _warm_ups_in_stops(trials: Trials) -> str:
-    rows = [['stop (s)', 'heading (deg)', 'with a machine (deg)']]
+@_table(
+    f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
+    'drives, and stops for so long;\nand with a machine that hums from the first stop on',
+    ['stop (s)', 'heading (deg)', 'with a machine (deg)'],
+)
+def _warm_ups_in_stops(trials: Trials) -> Rows:
     for stop in STOPS:
         tell(f'warming up between stops of {stop:g} s ...')
         lost = (trials.lost(warm_up_in_stops, stop, hums=hums) for hums in (False, True))
-        rows.append([f'{stop:g}', *lost])
-    return _titled(
-        f'the same where it warms up by {STOP_WARM_UP:g} deg/s, and the robot vibrates as it '
-        'drives, and stops for so long;\nand with a machine that hums from the first stop on',
-        rows,
-    )
+        yield [f'{stop:g}', *lost]
 
 
-def _warm_ups_in_rocked_stands(trials: Trials) -> str:
-    rows = [['it says that it stands', 'heading (deg)']]
+@_table(
+    f'the same where it rocks while it stands, for {ROCKED} s each time',
+    ['it says that it stands', 'heading (deg)'],
+)
+def _warm_ups_in_rocked_stands(trials: Trials) -> Rows:
     for name, hinted in {'no': False, 'yes': True}.items():
         tell(f'warming up in stands in which it rocks, with a hint: {name} ...')
-        rows.append([name, trials.lost(warm_up_in_rocked_stands, hinted=hinted)])
-    return _titled(f'the same where it rocks while it stands, for {ROCKED} s each time', rows)
+        yield [name, trials.lost(warm_up_in_rocked_stands, hinted=hinted)]
 
 
-def _slow_turns_in_drives(trials: Trials) -> str:
-    rows = [['slow turns', 'heading (deg)']]
+@_table(
+    f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '
+    'between fast ones',
+    ['slow turns', 'heading (deg)'],
+)
+def _slow_turns_in_drives(trials: Trials) -> Rows:
     for name, steady in {'all as fast': True, 'of any speed': False}.items():
         tell(f'turning slowly between fast turns, {name} ...')
-        rows.append([name, trials.lost(slow_turns_in_drives, steady=steady)])
-    return _titled(
-        f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of slow turns '
-        'between fast ones',
-        rows,
-    )
+        yield [name, trials.lost(slow_turns_in_drives, steady=steady)]
 
 
-def _other_sides(trials: Trials) -> str:
-    rows = [['deg/s per g', 'bias (deg/s)', 'angle (deg)']]
+@_table(
+    f'a sensor that feels gravity, laid down on 24 sides for {LAID:g} s each: error of the '
+    'bias at the end of a\nrest, and the angle that is lost, median and worst',
+    ['deg/s per g', 'bias (deg/s)', 'angle (deg)'],
+)
+def _other_sides(trials: Trials) -> Rows:
     for sensitivity in SENSITIVITIES:
         tell(f'laid down on other sides, with {sensitivity:g} deg/s per g ...')
         error, lost = trials.results(on_other_sides, sensitivity).T
-        columns = _median_and_worst(error, 3), _median_and_worst(lost)
-        rows.append([f'{sensitivity:g}', *columns])
-    return _titled(
-        f'a sensor that feels gravity, laid down on 24 sides for {LAID:g} s each: error of the '
-        'bias at the end of a\nrest, and the angle that is lost, median and worst',
-        rows,
-    )
+        yield [f'{sensitivity:g}', _median_and_worst(error, 3), _median_and_worst(lost)]
 
 
-def _early_turns(trials: Trials) -> str:
-    rows = [['Hz', *(f'stands for {stands:g} s' for stands in EARLY_STANDS)]]
+@_table(
+    f'heading that is lost by the bias of a robot that stands, and then turns by '
+    f'{EARLY_SPEED * EARLY_TURN:g} deg and pauses\nin turns, deg, median and worst',
+    ['Hz', *(f'stands for {stands:g} s' for stands in EARLY_STANDS)],
+)
+def _early_turns(trials: Trials) -> Rows:
     for rate in EARLY_RATES:
         tell(f'turning early at {rate:g} Hz ...')
         at_rate = Trials(trials.seeds, rate)
         lost = (at_rate.lost(turning_early, stands) for stands in EARLY_STANDS)
-        rows.append([f'{rate:g}', *lost])
-    return _titled(
-        f'heading that is lost by the bias of a robot that stands, and then turns by '
-        f'{EARLY_SPEED * EARLY_TURN:g} deg and pauses\nin turns, deg, median and worst',
-        rows,
-    )
+        yield [f'{rate:g}', *lost]
 
 
-def _warm_ups_at_rest(trials: Trials) -> str:
+@_table(
+    f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
+    f'standing\nall the time, after {WARM_UP} s in which it was steady',
+    ['error (deg/s)', 'rms', 'worst'],
+)
+def _warm_ups_at_rest(trials: Trials) -> Rows:
     tell('warming up ...')
     steady, moving = zip(*trials.each(warm_up_standing), strict=True)
-    rows = [['error (deg/s)', 'rms', 'worst']]
     errors_of: dict[str, Any] = {
         'after a rest': trials.results(warm_up),
         'steady': steady,
@@ -585,29 +592,7 @@ def _warm_ups_at_rest(trials: Trials) -> str:
     }
     for name, errors in errors_of.items():
         rms, worst = np.sqrt(np.mean(np.square(errors))), np.abs(errors).max()
-        rows.append([name, f'{rms:.3f}', f'{worst:.3f}'])
-    return _titled(
-        f'bias that moves 1 deg/s in {WARM_UP} s: after rests of {PAUSE} s every {CYCLE} s, and '
-        f'standing\nall the time, after {WARM_UP} s in which it was steady',
-        rows,
-    )
-
-
-TABLES = (
-    _slow_turns,
-    _swings,
-    _rolls,
-    _tilts,
-    _jumps_at_rest,
-    _jumps_in_stands,
-    _warm_ups_in_stands,
-    _warm_ups_in_stops,
-    _warm_ups_in_rocked_stands,
-    _slow_turns_in_drives,
-    _other_sides,
-    _early_turns,
-    _warm_ups_at_rest,
-)
+        yield [name, f'{rms:.3f}', f'{worst:.3f}']
 
 
 def main() -> None:
@@ -617,10 +602,10 @@ def main() -> None:
     parser.add_argument('--rate', type=float, default=100.0, help='Hz, default %(default)s')
     options = parser.parse_args()
     trials = Trials(options.seeds, options.rate)
-    for k, titled_table in enumerate(TABLES):
+    for k, (title, head, rows) in enumerate(TABLES):
         if k > 0:
             print()
-        print(titled_table(trials), flush=True)
+        print(f'{title}\n\n{table([head, *rows(trials)])}', flush=True)
 
 
 if __name__ == '__main__':
