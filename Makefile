@@ -20,7 +20,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # Types are checked by two processes, where mypy can do so: in a fresh clone it takes a minute by one.
 export MYPY_NUM_WORKERS ?= 2
 
-.PHONY: demo check test ready lint compile bench quality coverage parameters commands poses docs clean
+.PHONY: demo check test ready ready-for-all lint compile compile-both bench quality coverage parameters commands poses docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/python -m demo.main demo_output
@@ -28,15 +28,22 @@ demo: $(VENV)/.installed
 check: ready
 	$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow and not node'
 
-test: ready
+test: ready-for-all
 	$(BIN)/python -m pytest -n $(WORKERS)
 
 # Compiled before the workers start, as two of them would compile the same.
 ready: $(VENV)/.installed
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint compile
 
+ready-for-all: $(VENV)/.installed
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint compile-both
+
 compile: $(VENV)/.installed
 	$(BIN)/python -m gyro_drift_filter.cli.main compile
+
+# By numba, too, which the tests compare with.
+compile-both: $(VENV)/.installed
+	PYTHONPATH=test:$$PYTHONPATH $(BIN)/python -m support.compiling
 
 bench: $(VENV)/.installed
 	$(BIN)/python -m benchmark.speed --json benchmark_output.json
@@ -58,7 +65,7 @@ quality: $(VENV)/.installed
 # Of what runs on a robot, and reads and writes bags, the tests run nearly all.
 coverage: IN := gyro_drift_filter
 coverage: COVERED := $(IN)/core/*,$(IN)/messages/*,$(IN)/mcap/*,$(IN)/bags/*,$(IN)/ros/*
-coverage: compile
+coverage: compile-both
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest -n $(WORKERS)
 	$(BIN)/coverage combine --quiet
