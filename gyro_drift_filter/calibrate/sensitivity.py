@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc  # of Fisher's distribution; scipy.stats takes half a second to load
 
 from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.rests import Rests
@@ -69,8 +69,8 @@ def find_sensitivity(recordings: Sequence[Rests]) -> AccelerationSensitivity:
         [found.rate_density / rest.seconds for found in recordings for rest in found.rests], axis=0
     )
     variance = np.maximum(left / max(free, 1), noise)
-    explained = (np.sum(rates**2, axis=0) - left) / 3.0 / variance
-    chance = f_distribution.sf(explained, 3, max(free, 1))
+    explained = np.maximum(np.sum(rates**2, axis=0) - left, 0.0) / 3.0 / variance
+    chance = fdtrc(3, max(free, 1), explained)
     deviation = np.sqrt(np.outer(variance, np.diag(spread)))
     return AccelerationSensitivity(
         matrix, deviation, spread, is_found=bool(free > 0 and chance.min() < BY_CHANCE)

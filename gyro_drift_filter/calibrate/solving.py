@@ -20,7 +20,7 @@ from itertools import count
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2
+from scipy.special import chdtri  # of chi-square; scipy.stats takes half a second to load
 
 from gyro_drift_filter.arrays import Floats
 from gyro_drift_filter.calibrate.between_rests import RestsOfOneRecording
@@ -201,9 +201,9 @@ def _trust_less(parts: Sequence[RestsOfOneRecording], unknowns: Floats) -> bool:
     squares, variances, counts = (np.concatenate(values) for values in zip(*misfits, strict=True))
     counted = counts > 0
     # By the median, as what does not fit is no measure of what does.
-    typical = chi2.median(np.maximum(counts, 1))
+    typical = chdtri(np.maximum(counts, 1), 0.5)
     level = max(1.0, float(np.median((squares / typical)[counted])))
-    off = counted & (squares > level * chi2.ppf(MISFIT, np.maximum(counts, 1)))
+    off = counted & (squares > level * chdtri(np.maximum(counts, 1), 1.0 - MISFIT))
     excess = np.where(off, variances, 0.0)
     changed, first = False, 0
     for part in parts:
@@ -227,6 +227,6 @@ def _covariance(evidence: Evidence, unknowns: Floats) -> Floats:
     # What else tells is not fitted to these residuals.
     freedom = len(values) - np.trace(np.linalg.solve(measured + known, measured))
     square, inflation = float(values @ values), 1.0
-    if freedom > 0.5 and square > chi2.ppf(UNLIKELY, freedom):
+    if freedom > 0.5 and square > chdtri(freedom, 1.0 - UNLIKELY):
         inflation = square / freedom
     return np.asarray(np.linalg.inv(measured / inflation + known))
