@@ -270,6 +270,15 @@ def test_a_wrong_pace_of_the_stamps_looks_like_a_scale_and_is_named_first(found,
     assert fitting == pytest.approx(100.0, rel=0.1)
 
 
+def test_the_rate_of_stamps_beside_a_wrong_scale_is_that_of_the_line_of_stamps():
+    """Rounded to two digits it was 120 Hz here, and 125 Hz there."""
+    errors = np.full((len(WAYS), 9), 0.5)
+    errors[[way.factor > 1.9 and way.factor < 2.0 for way in WAYS]] = 0.01
+    scale = judge_axes(Carried(np.full(9, 1.0), errors, period=0.008))
+    assert scale.name == 'scale'
+    assert '(they say 125 Hz, and about 64 Hz would fit)' in scale.advice
+
+
 def test_milliseconds_of_jitter_are_no_gaps(found, random):
     simulation = handled()
     off = (3e6 * random.standard_normal(len(simulation.stamps))).astype(np.int64)
@@ -491,6 +500,17 @@ def test_messages_without_rates_between_others(behind, tmp_path, random):
     if not behind:
         assert told['gaps'].advice.startswith('messages come without rates')
         assert 'if it is not that: look for what loses them' in told['gaps'].advice
+
+
+@pytest.mark.slow
+def test_a_rate_that_comes_late_in_the_recording_is_a_share_without_exponent(tmp_path):
+    """Of 1000 messages 999 reported no rate, which was 1e+02 %."""
+    simulation = handled()
+    rows = [(int(stamp), without_rates(int(stamp))) for stamp in simulation.stamps[:999]]
+    rows.append((int(simulation.stamps[999]), messages(simulation)[999]))
+    findings = examined(write_rows(tmp_path / 'bag', {(TOPIC, IMU_TYPE): rows}))
+    told = next(finding for finding in findings if finding.name == 'not reported')
+    assert '999 of 1000 messages, 100 %' in told.text
 
 
 def test_messages_that_come_twice_are_told_as_that(found):
@@ -825,6 +845,8 @@ def test_distances_of_clocks_have_no_exponent_and_one_that_was_not_set_is_told()
     # A recorder whose clock begins in 2000, and a sensor that counts from its start.
     counted = judge_log_clock(5 * 10**9 + since, 946_684_800 * 10**9 + since + delays)
     assert counted.text == 'stamps begin at 5 s: they count from the start of sensor or driver'
+    late = judge_log_clock(START + since, START + since + delays + 340_000_000)
+    assert late.text.startswith('logged 340 ms after the stamp')
     both = judge_log_clock(10**10 + since, 10**10 + since + delays)
     assert both.verdict == FindingVerdict.SOUND
     assert both.text.endswith('both before 2007, as in a simulation or where none was set')

@@ -27,6 +27,7 @@ from gyro_drift_filter.cli.parameter_text import as_yaml, bias_parameters, param
 from gyro_drift_filter.cli.printing import table
 from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.gravity import GRAVITY
+from gyro_drift_filter.phrases import plain
 
 _MATRIX, _SENSITIVITY = 'calibration.matrix', 'calibration.acceleration_sensitivity'
 
@@ -70,8 +71,8 @@ def _least_known(deviation: Floats) -> str:
     worst = float(deviation.max())
     name = name_of_entry(*map(int, np.unravel_index(np.argmax(deviation), deviation.shape)))
     return (
-        f'the least known entry is {name}: known to {100.0 * worst:.2g} %, which is '
-        f'{360.0 * worst:.2g} deg in a whole turn'
+        f'the least known entry is {name}: known to {plain(100.0 * worst, 2)} %, which is '
+        f'{plain(360.0 * worst, 2)} deg in a whole turn'
     )
 
 

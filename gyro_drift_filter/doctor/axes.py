@@ -321,8 +321,10 @@ def _question_of_time(period: float, factor: float) -> str:
     looks = 'right? Time that runs too fast or too slowly looks the same'
     if math.isnan(period):
         return f'are the log times {looks}.'
-    stamped, fitting = (float(f'{rate:.2g}') for rate in (1.0 / period, 1.0 / period / factor))
-    return f'are the stamps {looks} (they say {stamped:g} Hz, and about {fitting:g} Hz would fit).'
+    stamped, fitting = 1.0 / period, float(f'{1.0 / period / factor:.2g}')
+    return (
+        f'are the stamps {looks} (they say {stamped:.4g} Hz, and about {fitting:g} Hz would fit).'
+    )
 
 
 def _times(count: int) -> str:

@@ -83,7 +83,7 @@ def judge_log_clock(stamps: Values, log_times: Values) -> Finding:
     unset = '; both before 2007, as in a simulation or where none was set'
     return sound(
         name,
-        f'logged {1e3 * offset:.2g} ms after the stamp, clocks within '
+        f'logged {plain(1e3 * offset, 2)} ms after the stamp, clocks within '
         f'{max(1e6 * abs(drift), 1.0):.0f} ppm{unset if logged < EARLIEST else ""}',
         values,
     )

@@ -22,6 +22,7 @@ import numpy as np
 from gyro_drift_filter.arrays import Floats, Integers
 from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.series import LARGEST_PART, Values
+from gyro_drift_filter.phrases import plain
 
 # Even steps are drawn through so many stamps at once: few enough for the sensor's own clock to keep
 # its pace, many enough to average what single stamps are off by.
@@ -91,12 +92,12 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
         'share_of_short_steps': found.short,
         'share_of_shared_stamps': found.shared,
     }
-    milliseconds = f'{1e3 * found.jitter:.2g} ms'
+    milliseconds = f'{plain(1e3 * found.jitter, 2)} ms'
     if found.short > _SHORT_SHARE:
         return fault(
             'bursts',
             f'messages come in bursts: {100.0 * found.short:.0f} % of the steps between stamps are '
-            f'below a quarter of the {1e3 * period:.3g} ms between samples',
+            f'below a quarter of the {plain(1e3 * period)} ms between samples',
             'the driver empties a buffer and stamps on arrival: have it count back from the newest '
             'sample, one period each. Do not integrate by these stamps',
             values,
@@ -112,7 +113,7 @@ def judge_evenness(stamps: Values, period: float) -> Finding:
     if found.jitter <= min(_JITTER_SECONDS, _JITTER_PERIODS * period):
         return sound(
             'stamp times',
-            f'stamps are even to {max(1e3 * found.jitter, 0.001):.2g} ms',
+            f'stamps are even to {plain(max(1e3 * found.jitter, 0.001), 2)} ms',
             values,
         )
     if found.skewness > _SKEWED:

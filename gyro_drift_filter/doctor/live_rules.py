@@ -31,7 +31,7 @@ from gyro_drift_filter.messages.input_rules import SLOW_LOW_PASS, WITHOUT_RATES,
 from gyro_drift_filter.messages.rules import Rule
 from gyro_drift_filter.messages.span import Span, usable_outliers
 from gyro_drift_filter.messages.telemetry import Telemetry
-from gyro_drift_filter.phrases import by_axis, counted
+from gyro_drift_filter.phrases import by_axis, counted, plain
 
 # Of these the recording says nothing, or they are about the filter's settings.
 LEFT_OUT = {'silent', 'lost', 'large innovations', 'small innovations', 'no bias for long'}
@@ -286,7 +286,7 @@ _FIGURES: dict[str, Callable[[Span], str]] = {
     'restarted': lambda span: counted(span.now.telemetry.restarts, 'time'),
     'not reported': lambda span: (
         f'{span.now.not_reported} of {span.now.received} messages, '
-        f'{100.0 * span.now.not_reported / max(span.now.received, 1):.2g} %'
+        f'{plain(100.0 * span.now.not_reported / max(span.now.received, 1), 2)} %'
     ),
     'malformed': lambda span: counted(span.now.malformed, 'message'),
     'changing frame': lambda span: counted(span.now.frame_changes, 'time'),

@@ -28,6 +28,7 @@ from gyro_drift_filter.identify.blocks import row_medians, runs_of
 from gyro_drift_filter.identify.quiet import SampleSpan
 from gyro_drift_filter.identify.series import LARGEST_PART, Values, stacked
 from gyro_drift_filter.messages.input_rules import CALM, IN_DEGREES, LARGEST_NOISE
+from gyro_drift_filter.phrases import plain
 
 # Data sheets allow an accelerometer 3 % of scale and 0.08 g of offset: together it shows gravity to
 # a tenth.
@@ -179,8 +180,8 @@ def judge_accelerometer(seen: AtRest, accelerations: tuple[Values, ...]) -> Find
     if not len(seen.forces) and abs(size / GRAVITY - 1.0) > _UNIT_MARGIN:
         return unknown(
             name,
-            f'the accelerations are {size:.3g} m/s^2 on the median, without a rest: a motion may '
-            'be as strong, or the scale may be wrong',
+            f'the accelerations are {plain(size)} m/s^2 on the median, without a rest: a motion '
+            'may be as strong, or the scale may be wrong',
             'record the sensor at rest for some seconds, too',
             values,
         )

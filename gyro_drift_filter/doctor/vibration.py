@@ -27,6 +27,7 @@ from gyro_drift_filter.doctor.findings import Finding, fault, sound, unknown
 from gyro_drift_filter.identify.preprocess import bridged
 from gyro_drift_filter.identify.series import Values, parts
 from gyro_drift_filter.identify.tones import find_tones
+from gyro_drift_filter.phrases import plain
 
 # Neither hands nor legs move faster, in Hz: what is above is vibration or noise.
 _FASTEST_MOTION = 20.0
@@ -112,6 +113,7 @@ def _filled(values: Floats) -> Floats:
 def _listed(lines: list[Line]) -> str:
     """Return the strongest lines in words."""
     return ', '.join(
-        f'{line.axis} at {line.frequency:.1f} Hz with {math.degrees(line.amplitude):.2g} deg/s'
+        f'{line.axis} at {line.frequency:.1f} Hz with '
+        f'{plain(math.degrees(line.amplitude), 2)} deg/s'
         for line in lines[:3]
     )

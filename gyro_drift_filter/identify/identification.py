@@ -65,7 +65,7 @@ from gyro_drift_filter.identify.series import (
 )
 from gyro_drift_filter.identify.timing import Timing, learn_timings
 from gyro_drift_filter.identify.tones import Tone, find_tones
-from gyro_drift_filter.phrases import counted, named_axes, rounded_down, without_rate
+from gyro_drift_filter.phrases import counted, named_axes, plain, rounded_down, without_rate
 
 SHORT_QUIET = 60.0  # s: below that a warning
 # The models are fitted to spans of at least this many samples, where there is one.
@@ -252,8 +252,8 @@ def _about_recording(seconds: float, repeats: Repeats) -> list[str]:
         )
     if repeats.are_repeats and repeats.share > _MATERIAL_REPEATS:
         warnings.append(
-            f'{100.0 * repeats.share:.2g} % of the samples are sent twice or more, so that the '
-            'noise looks correlated, and phi, Q, R and tones are those of the repeats: let the '
+            f'{plain(100.0 * repeats.share, 2)} % of the samples are sent twice or more, so that '
+            'the noise looks correlated, and phi, Q, R and tones are those of the repeats: let the '
             'driver publish each measurement once, and record again'
         )
     return warnings
