@@ -513,6 +513,17 @@ def test_a_rate_that_comes_late_in_the_recording_is_a_share_without_exponent(tmp
     assert '999 of 1000 messages, 100 %' in told.text
 
 
+def test_rates_that_are_no_numbers_answer_no_question_about_rates(found):
+    """All axes were said to live, within their range, and no sample to be repeated."""
+    simulation = handled()
+    rates = np.full_like(simulation.angular_velocity, np.nan)
+    findings = found(rates_of(simulation, rates))
+    assert faults(findings) == {'no usable rate'}
+    assert not {'alive', 'range', 'outliers', 'repeats', 'axes', 'vibration'} & {
+        finding.name for finding in findings
+    }
+
+
 def test_messages_that_come_twice_are_told_as_that(found):
     simulation = handled()
     twice = np.repeat(np.arange(len(simulation.stamps)), 2)

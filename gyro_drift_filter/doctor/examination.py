@@ -118,6 +118,11 @@ CONSEQUENCES = {
     # What they are held against is not the time.
     'standing stamps': {'bursts', 'clock drift', 'clock offset', 'jitter'},
 }
+# Questions about rates, which nothing answers where there are none, beside what follows from that.
+_OF_RATES = {
+    *('unusable', 'rests', 'axes', 'alive', 'range', 'truncation', 'low-pass', 'outliers'),
+    *('repeats', 'resolution', 'vibration'),
+}
 
 
 def examine(seen: Examined) -> list[Finding]:
@@ -168,6 +173,8 @@ def examine(seen: Examined) -> list[Finding]:
         findings.append(of_rests)
     if not state.segments and (noisy := judge_unrested_noise(seen.rates, seen.accelerations)):
         findings.append(noisy)
+    if any(f.name == 'no usable rate' and f.values['share'] > 0.5 for f in findings):
+        findings = [finding for finding in findings if finding.name not in _OF_RATES]
     return _sorted(findings)
 
 
