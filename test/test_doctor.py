@@ -32,7 +32,7 @@ from gyro_drift_filter.cli.doctor import page
 from gyro_drift_filter.cli.main import main
 from gyro_drift_filter.core import Parameters
 from gyro_drift_filter.doctor import examination, live_rules
-from gyro_drift_filter.doctor.axes import WAYS, Carried, judge_axes
+from gyro_drift_filter.doctor.axes import AS_IT_IS, WAYS, Carried, carry_gravity, judge_axes
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
 from gyro_drift_filter.doctor.covariances import QUANTITIES
@@ -158,6 +158,31 @@ def about_y(simulation, signs=(1.0, 1.0, 1.0)):
         angular_velocity=only * signs + simulation.bias + noise,
         linear_acceleration=gravity + 10.0 * noise,
     )
+
+
+@pytest.mark.parametrize('seconds', [0.6, 2.0])
+@pytest.mark.parametrize('signs', [(1, 1, 1), (-1, 1, 1), (1, 1, -1), (-1, -1, 1), (-1, -1, -1)])
+def test_turns_about_one_axis_after_the_other_tell_the_signs_of_all(seconds, signs, random):
+    """By 90 deg each, as the advice says: of each axis only a third of the stretches tells."""
+    still, profile = np.zeros(500), np.hanning(round(100 * seconds))
+    turns = np.zeros((0, 3))
+    for axis, sign in zip('xxyyxzzxyzzy', (1, -1, 1, -1, 1, 1, -1, -1, 1, 1, -1, -1), strict=True):
+        turn = np.append(np.radians(90.0) * sign * 100 * profile / profile.sum(), still)
+        turns = np.concatenate([turns, np.outer(turn, np.eye(3)['xyz'.index(axis)])])
+    rates = turns * signs + 2e-3 * random.standard_normal(turns.shape)
+    forces = turning_gravity(turns, 100.0) + 0.03 * random.standard_normal(turns.shape)
+    carried = carry_gravity(
+        START + 10_000_000 * np.arange(len(rates)),
+        tuple(rates.T),
+        tuple(forces.T),
+        0.01,
+        np.zeros(3),
+    )
+    axes = judge_axes(carried)
+    if min(signs) > 0:
+        assert axes.text.startswith('signs, axes and unit of the rates fit: ')
+    else:
+        assert axes.values['way'] == str(AS_IT_IS._replace(signs=signs))
 
 
 UP = np.array([0.0, 0.0, 9.81])

@@ -46,8 +46,11 @@ _MOST_STEPS = 200
 _MOST_WINDOWS, _USED_WINDOWS = 1000, 40
 _LEAST_TURN = math.radians(15.0)
 _LEAST_WINDOWS = 5
-# Clearly better: the errors are half as large, and smaller in four of five stretches.
+# Clearly better: the errors are half as large, and smaller in four of five stretches that tell.
 _BETTER, _MAJORITY = 0.5, 0.8
+# A stretch tells two ways apart where their errors differ by this share of its turn. An axis counts
+# where so many tell its sign.
+_TELLING, _LEAST_TELLING = 0.25, 3
 # Rates carry gravity where less than this share of its turns is left. A scale that is off by a
 # third leaves a third.
 _CARRIED = 0.5
@@ -239,7 +242,7 @@ def judge_axes(
             'record the sensor turned by hand about each axis, by 90 deg and more',
             values,
         )
-    medians = np.median(errors, axis=1)
+    medians = _medians(turns, errors)
     shares = medians / np.median(turns)
     values['share_left'] = float(shares[0])
     good = medians <= _AS_GOOD * medians.min()
@@ -247,7 +250,8 @@ def judge_axes(
     if candidates and not good[0]:
         best = min(candidates, key=lambda k: (WAYS[k].changes, medians[k]))
         clearly = medians[best] < _BETTER * medians[0]
-        if clearly and np.mean(errors[best] < errors[0]) > _MAJORITY:
+        tells = np.abs(errors[best] - errors[0]) > _TELLING * turns
+        if clearly and tells.any() and np.mean((errors[best] < errors[0])[tells]) > _MAJORITY:
             values |= {'way': str(WAYS[best]), 'factor': WAYS[best].factor}
             values['share_left_then'] = float(shares[best])
             return _otherwise(WAYS[best], carried.period, name, match, values)
@@ -269,6 +273,18 @@ def judge_axes(
         'gravity, too',
         values,
     )
+
+
+def _medians(turns: Floats, errors: Floats) -> Floats:
+    """Return the median error (m,) of each way, as a mean over the axes whose signs stretches tell.
+
+    Who turns a sensor about one axis after the other tells the sign of each in a third of them.
+    """
+    flips = errors[[WAYS.index(way) for way in _FLIPPED]] - errors[0]
+    told = np.where(np.abs(flips).max(axis=0) > _TELLING * turns, np.abs(flips).argmax(axis=0), -1)
+    parts = [errors[:, told == axis] for axis in range(3)]
+    parts = [part for part in parts if part.shape[1] >= _LEAST_TELLING] or [errors]
+    return np.asarray(np.mean([np.median(part, axis=1) for part in parts], axis=0))
 
 
 def _otherwise(way: Way, period: float, name: str, match: str, values: dict[str, Any]) -> Finding:
