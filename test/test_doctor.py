@@ -35,7 +35,7 @@ from gyro_drift_filter.doctor import examination, live_rules
 from gyro_drift_filter.doctor.axes import AS_IT_IS, WAYS, Carried, carry_gravity, judge_axes
 from gyro_drift_filter.doctor.clipping import is_clipped
 from gyro_drift_filter.doctor.clocks import judge_log_clock
-from gyro_drift_filter.doctor.covariances import QUANTITIES
+from gyro_drift_filter.doctor.covariances import QUANTITIES, Stated, judge_covariances
 from gyro_drift_filter.doctor.examination import examine
 from gyro_drift_filter.doctor.findings import Finding, FindingVerdict, fault
 from gyro_drift_filter.doctor.live_rules import starts_anew
@@ -821,6 +821,15 @@ def test_vibration_is_found_wherever_it_begins(random):
 )
 def test_covariances_that_are_zero_or_invented(found, deviations, expected):
     assert faults(found(handled(), deviations=deviations)) == expected
+
+
+def test_a_variance_that_is_missing_is_told_of_its_axis():
+    """It was held against those of the others, so that 0.002 was told to be wrong beside 0.002."""
+    stated = Stated(), Stated(), Stated()
+    stated[1].add(np.tile(np.diag([4e-6, 0.0, 4e-6]).ravel(), (10, 1)))
+    findings = judge_covariances(stated, np.full(3, 2e-3), np.full(3, np.nan))
+    told = next(finding for finding in findings if finding.is_fault)
+    assert 'says a deviation of 0 rad/s on y, at rest it is 0.002' in told.text
 
 
 @pytest.mark.parametrize(

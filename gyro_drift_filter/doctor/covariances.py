@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from gyro_drift_filter.arrays import Floats
+from gyro_drift_filter.core.parameters import AXES
 from gyro_drift_filter.doctor.findings import Finding, fault, sound
 
 QUANTITIES = ('orientation', 'angular velocity', 'linear acceleration')
@@ -131,10 +132,11 @@ def _invented(
     deviations = named[name].deviations
     ratio = deviations / np.where(noise > 0.0, noise, np.nan)
     if (ratio < _LEAST).any() or (ratio > _MOST).any():
+        worst = int(np.nanargmax(np.maximum(ratio, 1.0 / np.maximum(ratio, 1e-300))))
         yield fault(
             f'invented covariance of {name}',
-            f'the covariance of {name} says a deviation of {np.max(deviations):.2g} {unit}, at '
-            f'rest it is {np.max(noise):.2g}',
+            f'the covariance of {name} says a deviation of {deviations[worst]:.2g} {unit} on '
+            f'{AXES[worst]}, at rest it is {noise[worst]:.2g}',
             'have the driver state the variance of the noise',
             values,
         )
