@@ -45,6 +45,8 @@ JUMPS = (0.3, 0.5, 1.0, 2.0, 5.0)  # deg/s
 AFTER_JUMP = 30  # s
 DRIVE, STAND, MOTION = 300, 10, 20  # s
 WARM_UPS, WARMING_SECONDS = (0.5, 1.0, 2.0, 4.0), 240.0  # deg/s, s
+# Then fast, the share of the sector that is left at first, and whether it goes on round.
+SCANS = (('back', 1.0, False), ('back, from the middle on', 0.5, False), ('on round', 1.0, True))
 STOPS, STOP_WARM_UP = (1.0, 1.5, 2.0, 3.0, 5.0), 1.0  # s, deg/s
 VIBRATION, PUSH = 0.01, 0.4  # rad/s, m/s^2
 HUM, HUM_RATES, HUM_FORCES = 37.3, (0.03, 0.015, 0.021), (0.18, 0.6, 0.24)  # Hz, rad/s, m/s^2
@@ -330,6 +332,27 @@ def slow_turns_in_drives(random: np.random.Generator, rate: float, *, steady: bo
     return _largest_angle(_biases(rates, accelerations, rate)[:, 2], rate)
 
 
+def scan(random: np.random.Generator, left: float, rate: float, *, on: bool) -> float:
+    """Return the heading that is lost in deg, of a head that scans a sector slowly again and again.
+
+    It begins where a share of the sector is `left`. Fast, it turns back, or goes `on` round.
+    """
+    rates, accelerations = at_rest(random, 2 * DRIVE, rate)
+    sector, slow, fast = random.uniform(90, 240), random.uniform(3, 8), random.uniform(20, 60)
+    turns = scanning(sector * DEGREE, slow * DEGREE, (fast if on else -fast) * DEGREE, rate)
+    first = round(REST * rate)
+    begin = round((1.0 - left) * sector / slow * rate)
+    rates[first:, 2] += np.resize(np.roll(turns, -begin), len(rates) - first)
+    return _largest_angle(_biases(rates, accelerations, rate)[:, 2], rate)
+
+
+def scanning(sector: float, slow: float, fast: float, rate: float) -> Floats:
+    """Return one scan in rad/s, of a sector in rad at a `slow` rate; then `fast` back, or round."""
+    way = 2.0 * np.pi - sector if fast > 0.0 else -sector
+    lengths = round(sector / slow * rate), round(way / fast * rate)
+    return np.repeat([slow, fast], lengths)
+
+
 def _smooth(random: np.random.Generator, n: int, rate: float) -> Floats:
     """Return smooth noise (n, 3) of deviation 1."""
     smooth = np.cumsum(random.standard_normal((n, 3)), axis=0)
@@ -550,6 +573,17 @@ def _slow_turns_in_drives(trials: Trials) -> Rows:
     for name, steady in {'all as fast': True, 'of any speed': False}.items():
         tell(f'turning slowly between fast turns, {name} ...')
         yield [name, trials.lost(slow_turns_in_drives, steady=steady)]
+
+
+@_table(
+    f'the heading that is lost by the bias, median and worst, in {2 * DRIVE} s of a head that '
+    'scans a sector slowly',
+    ['then fast', 'heading (deg)'],
+)
+def _scans(trials: Trials) -> Rows:
+    for name, left, on in SCANS:
+        tell(f'scanning slowly, then fast {name} ...')
+        yield [name, trials.lost(scan, left, on=on)]
 
 
 @_table(

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmark.bias import rolled, tilted, tilting, to_and_fro
+from benchmark.bias import rolled, scanning, tilted, tilting, to_and_fro
 from gyro_drift_filter.accelerate import zeroed
 from gyro_drift_filter.core import Filter, Parameters
 from gyro_drift_filter.core.bias.carried_gravity import TiltEvidence
@@ -229,6 +229,21 @@ def test_slow_turns_that_were_taken_for_the_bias_once_are_not_again(random):
     results = run(Filter(), rates, accelerations)
     np.testing.assert_allclose(results['bias'][ends[2], 2], turn, atol=0.1 * turn)
     assert np.abs(results['bias'][ends[3:], 2]).max() < 0.1 * turn
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('sector', 'fast', 'left'),
+    [(100, -30, 1.0), (100, -30, 0.5), (60, -45, 1.0), (270, -40, 1.0), (120, 40, 1.0)],
+)
+def test_a_head_that_scans_slowly_and_turns_back_fast_shows_no_bias(sector, fast, left, random):
+    """It has the same slow rate again and again, as a bias that has jumped has."""
+    rates, accelerations = at_rest(random, 200.0)
+    turn = scanning(sector * DEGREE, 5.0 * DEGREE, fast * DEGREE, 100.0)
+    turn = np.roll(turn, -round((1.0 - left) * sector / 5.0 * 100))
+    rates[1500:, 2] += np.resize(turn, len(rates) - 1500)
+    results = run(Filter(), rates, accelerations)
+    assert np.abs(results['bias'][1500:, 2]).max() < 0.2 * DEGREE
 
 
 def test_a_bias_that_warms_up_about_the_vertical_is_found(random):

@@ -60,8 +60,8 @@ from gyro_drift_filter.core.bias.slow_turn import (
     end_stopped_turn,
     forget_slow_turn,
     interrupt_slow_turn,
-    note_fast_turn,
     note_stop,
+    note_turning,
 )
 from gyro_drift_filter.core.bias.swing import forget_swing, note_swing, variance_of_swing
 from gyro_drift_filter.core.gate import is_beyond_gate
@@ -250,7 +250,7 @@ def _take_block(
     note_shaking(rest, other, lengths)
     hand_on_block(rest, other['rest'])
     note_swing(state['swing'], rest, lengths)
-    note_fast_turn(state['turn'], rest, lengths, settings['bias_max'])
+    note_turning(state, lengths, settings['bias_max'])
     note_stop(state, lengths)
     stood = _note_hinted_stand(state, lengths)
     carry_gravity(state['carried'], rest, lengths)

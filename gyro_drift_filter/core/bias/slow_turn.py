@@ -19,8 +19,10 @@ longer than robots turn slowly. Gravity tells them apart sooner: a turn about an
 vertical would move it. Where it stands the bias has jumped, as when a sensor is switched on anew,
 takes its own bias off, or has had a blow. And so it has changed where the body stands with this
 rate, turns elsewhere at a rate that no bias has, and stands with it again: as the bias of a sensor
-that warms up faster than it is expected to. While it still warms up, the rate has moved on by then:
-the same way, and no faster than it has come from the bias, as a sensor warms up ever more slowly.
+that warms up faster than it is expected to. But a head that scans slowly, and turns back fast or
+on round, is where it began by then, which would be chance if it had stood. While a bias still warms
+up, the rate has moved on by then: the same way, and no faster than it has come from the bias, as a
+sensor warms up ever more slowly.
 """
 
 import math
@@ -44,6 +46,10 @@ LONGEST_TURN, LONGEST_QUIETER_TURN = 90.0, 30.0  # s
 SAME_TURN_GATE = 4.0
 # A body that has turned by so much in between, in rad, has not kept on turning slowly meanwhile.
 TURN_BETWEEN = 1.0
+# The slow turn of a head that scans is this share of the fast one that takes it back, or round to
+# where it begins: to so many rad. The first slow turn may have begun within the sector, with this
+# share of it left.
+LEAST_SCANNED, SAME_HEADING, LEAST_LEFT = 0.2, 0.3, 1.0 / 3.0
 # Two slow turns in a row may be as fast as one bias that warms up, by chance. So it has to be there
 # again so often, where one that has jumped has to be once.
 RETURNS_OF_WARM_UP = 2
@@ -80,6 +86,11 @@ class SlowTurn(TypedDict):
     seconds: float  # for how long rest has had it
     moves: bool  # it has moved on meanwhile
     turned: float  # rad, by which the body has turned since, at rates that no bias has
+    # by which it has turned the way of the slow turn, in rad, since the first segment of it or the
+    # first one after a fast turn; and the most of that at a segment
+    heading: float
+    scanned: float
+    scans: bool  # the last fast turn has ended where the slow one began, as that of a scan
     returns: int  # how often it has stood again with this rate after such a turn
     blocks_at_bias: int  # in a row, up to now, in which the rate was the bias that is known
     # the stillness under way, for as long as it has had this rate and gravity has stood
@@ -104,7 +115,8 @@ def forget_slow_turn(turn: SlowTurn) -> None:
     """Begin anew: the bias is known."""
     turn['seconds'] = 0.0
     turn['moves'] = False
-    turn['turned'] = 0.0
+    turn['turned'] = turn['heading'] = turn['scanned'] = 0.0
+    turn['scans'] = False
     turn['returns'] = 0
     turn['blocks_at_bias'] = 0
     interrupt_slow_turn(turn)
@@ -119,20 +131,27 @@ def interrupt_slow_turn(turn: SlowTurn) -> None:
 
 
 @kernel
-def note_fast_turn(turn: SlowTurn, rest: Rest, lengths: RestLengths, bias_max: float) -> None:
-    """Note by how much the body turns in the full block, at a rate beyond `bias_max` (rad/s).
+def note_turning(state: 'Bias', lengths: RestLengths, bias_max: float) -> None:
+    """Note by how much the body turns in the full block, and whether beyond `bias_max` (rad/s).
 
     A slow turn that is nearly as fast exceeds that by noise now and then, and is none in between.
     """
+    turn, rest = state['turn'], state['rest']
     if turn['seconds'] == 0.0 or not is_block_filled(rest, lengths):
         return
     rate, differs = 0.0, False
+    along = square = 0.0
     for axis in range(3):
         mean, scatter = block_mean(rest, axis), rest['signals'][axis]['scatter']
+        slow = turn['rate'][axis] - state['bias'][axis]
+        along += (mean - state['bias'][axis]) * slow
+        square += slow * slow
         rate = max(rate, abs(mean))
         differs = differs or is_beyond_gate(mean - turn['rate'][axis], SAME_TURN_GATE, scatter)
     if rate > bias_max and differs:
         turn['turned'] += rate * lengths['block_seconds']
+    if square > 0.0:
+        turn['heading'] += along / math.sqrt(square) * lengths['block_seconds']
 
 
 @kernel
@@ -192,13 +211,28 @@ def update_slow_turn(state: 'Bias', block_seconds: float, quieter: bool) -> Slow
     if _is_denied(turn, rest, uncertain):
         return SlowTurnOutcome.DENIED
     if turn['turned'] > TURN_BETWEEN:
-        turn['returns'] += 1
-        turn['turned'] = 0.0
+        turn['scans'] = _scans(turn)
+        if turn['scans']:
+            turn['seconds'] = seconds
+        else:
+            turn['returns'] += 1
+        turn['turned'] = turn['heading'] = turn['scanned'] = 0.0
+    turn['scanned'] = max(turn['scanned'], turn['heading'])
     needed = RETURNS_OF_WARM_UP if turn['moves'] else 1
     again = turn['returns'] >= needed and not turn['mistaken']
     quieter_lasts = quieter and turn['seconds'] >= LONGEST_QUIETER_TURN and not turn['mistaken']
     lasted = again or quieter_lasts or turn['seconds'] >= LONGEST_TURN
     return SlowTurnOutcome.LASTED if lasted else SlowTurnOutcome.TURN
+
+
+@kernel
+def _scans(turn: SlowTurn) -> bool:
+    """Return whether the body has turned back fast to where it began to turn slowly, or round."""
+    heading, scanned = turn['heading'], turn['scanned']
+    off = abs(heading - 2.0 * math.pi * round(heading / (2.0 * math.pi)))
+    behind = not turn['scans'] and 0.0 < -heading < (1.0 / LEAST_LEFT - 1.0) * scanned
+    is_back = off < SAME_HEADING or behind
+    return bool(is_back and scanned > LEAST_SCANNED * turn['turned'])
 
 
 @kernel
