@@ -31,10 +31,9 @@ from gyro_drift_filter.core.bias.shift import forget_shift
 # until it has been found.
 LEAST_MOTION = 25.0
 # They contradict each other once the mean normalised innovation squared is above the first one,
-# that of three deviations, until it is below the second one. A velocity lasts, so that it is below
-# 1 for one body's motion: the simulated vehicles and real hands reach 0.8, and 4 where the bias is
-# so large that it takes minutes to be found.
-LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 9.0, 1.0
+# that of two deviations, until it is below the second one. A velocity lasts, so that it is at most
+# some 1 for one body's motion, whatever its bias.
+LARGEST_INNOVATION_SQUARE, USUAL_INNOVATION_SQUARE = 4.0, 1.0
 # With a bias: once may come of rates that were garbage for a while. So many times are counted in
 # motion, and forgotten as `in_motion.py` says.
 LEAST_CONTRADICTIONS = 2
@@ -63,12 +62,13 @@ def note_contradiction(state: Bias) -> None:
 def note_contradiction_without_bias(state: Bias) -> None:
     """Note whether rates contradict accelerations, where nothing but motion shows the bias.
 
-    What was learned of them is forgotten then, as it would go on to contradict sound ones, and what
-    motion has shown is taken back.
+    What was learned of them is forgotten then, until they agree, as it would go on to contradict
+    sound ones, and what motion has shown is taken back.
     """
     wide_prior = state['wide_prior']
     square, enough = wide_prior['innovation_square'], wide_prior['moving_seconds'] >= LEAST_MOTION
-    if enough and square > LARGEST_INNOVATION_SQUARE:
+    largest = USUAL_INNOVATION_SQUARE if state['contradicts'] else LARGEST_INNOVATION_SQUARE
+    if enough and square > largest:
         state['contradicts'] = True
         start_wide_prior(wide_prior, state['assumed_bias'], state['assumed_variance'])
         wide_prior['pending_process_noise'] = state['process_noise']

@@ -45,9 +45,7 @@ import numpy as np
 from gyro_drift_filter.accelerate import kernel
 from gyro_drift_filter.core.bias.motion_filter import (
     LARGEST_SPEED,
-    WIDE_ACCELERATION_BIAS,
     MotionWorkspace,
-    expect_length,
     expect_mean_velocity,
     expected_speed,
     normalise_direction,
@@ -250,10 +248,9 @@ def _end_block(
         limit_prior(state)
     predict_covariance(state, workspace, rest, lengths)
     expect_mean_velocity(state, workspace)
-    if state['wide']:
-        expect_length(state, workspace)
-        return
     normalise_direction(state, workspace)
+    if state['wide']:
+        return
     state['sound_seconds'] += state['block_seconds']
     if state['sound_seconds'] > CONTRADICTION_SECONDS:
         state['contradictions'] = 0
@@ -304,8 +301,7 @@ def _start_motion(state: MotionBias, rested: bool) -> None:
     direction = START_DIRECTION
     if rested:
         direction = WIDE_REST_DIRECTION if state['wide'] else REST_DIRECTION
-    own = WIDE_ACCELERATION_BIAS if state['wide'] else ACCELERATION_BIAS
-    deviations = direction, START_SPEED, 0.0, own, expected_speed(state)
+    deviations = direction, START_SPEED, 0.0, ACCELERATION_BIAS, expected_speed(state)
     for part in range(5):
         if 3 * part == BIAS:
             continue
@@ -317,7 +313,7 @@ def _start_motion(state: MotionBias, rested: bool) -> None:
             if part != 0:
                 vector[i] = 0.0
     if rested and not state['wide']:
-        _doubt_direction(state, own * own)
+        _doubt_direction(state, ACCELERATION_BIAS * ACCELERATION_BIAS)
     state['moving'] = True
     limit_prior(state)
     _start_block(state)

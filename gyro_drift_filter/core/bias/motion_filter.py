@@ -69,12 +69,10 @@ DIRECTION_WALK, VELOCITY_WALK, VIBRATION_SECONDS = 1e-3, 0.05, 0.3
 # What a turn leaves beside a constant error of scale, as a share of it. Data sheets have gyroscopes
 # linear within 0.1 to 0.2 %.
 NONLINEARITY = 0.002
-LENGTH_VARIANCE = 1e-6  # of the direction's length, which is one, with a wide prior
 # With a wide prior a bias would be taken for speed, so the velocity stays within `SPEED`, and the
 # speed that shows is only noted, as a mean over WIDE_SPEED_MEMORY s, and so are the innovations
-# over INNOVATION_MEMORY s. A body that walks and turns has an acceleration that is constant in its
-# own axes, like an accelerometer's bias: the deviation in m/s^2, of 0.7 m/s at 0.7 rad/s.
-WIDE_SPEED_MEMORY, INNOVATION_MEMORY, WIDE_ACCELERATION_BIAS = 30.0, 10.0, 0.5
+# over INNOVATION_MEMORY s.
+WIDE_SPEED_MEMORY, INNOVATION_MEMORY = 30.0, 10.0
 
 
 class MotionWorkspace(TypedDict):
@@ -233,27 +231,9 @@ def _note_wide_speed(state: MotionBias, seconds: float) -> None:
         i = VELOCITY + axis
         velocity, variance = state['state_vector'][i], state['covariance'][i, i]
         mean += velocity * velocity * square / (variance + square) / 3.0
-    share = seconds / min(state['moving_seconds'], WIDE_SPEED_MEMORY)
+    share = seconds / WIDE_SPEED_MEMORY
     before = state['speed_deviation'] * state['speed_deviation']
     state['speed_deviation'] = math.sqrt(before + share * (mean - before))
-
-
-@kernel
-def expect_length(state: MotionBias, workspace: MotionWorkspace) -> None:
-    """Measure that the direction is of length one: for the wide prior, see `normalise_direction`.
-
-    There a robot that is faster than a hand, and turns one way, would be given a bias otherwise.
-    """
-    vector, covariance, gain = state['state_vector'], state['covariance'], workspace['gain']
-    x, y, z = vector[DIRECTION], vector[DIRECTION + 1], vector[DIRECTION + 2]
-    length = vector_length(x, y, z)
-    x, y, z = x / length, y / length, z / length
-    for k in range(STATES):
-        gain[k] = covariance[k, 0] * x + covariance[k, 1] * y + covariance[k, 2] * z
-    innovation_variance = gain[0] * x + gain[1] * y + gain[2] * z + LENGTH_VARIANCE
-    for k in range(STATES):
-        gain[k] /= innovation_variance
-    _correct(state, workspace, 1.0 - length, innovation_variance)
 
 
 @kernel

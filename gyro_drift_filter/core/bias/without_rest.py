@@ -55,13 +55,12 @@ from gyro_drift_filter.core.gate import is_beyond_gate
 from gyro_drift_filter.core.matrices import vector_length
 from gyro_drift_filter.gravity import GRAVITY
 
-# The gates in standard deviations: the second one once a first correction has shown that the
-# assumed bias is wrong.
+# The gates in standard deviations: the second one once a first correction, also along one axis
+# alone, has shown that the assumed bias is wrong.
 FIRST_GATE, NEXT_GATE = 3.0, 1.0
-# The error is so many of the filter's own standard deviations where the velocity has been `SPEED`,
-# and in proportion to the velocity down to the least one, in m/s. In simulation three of these are
-# the largest errors of the first minutes, from hands and robots on legs to drones at 5 m/s.
-ERROR_SHARE, LEAST_SPEED = 2.3, 0.5 * SPEED
+# The error is the filter's own standard deviation, and so many where the velocity that shows is
+# `SPEED`, in proportion to it: it decays in the filter, so that hardly more than half of it shows.
+ERROR_SHARE = 2.0
 # Who speeds up and brakes, and turns one way on the mean, has accelerations that look like a tilt
 # which lasts, by so much in rad: the rate that keeps it there is taken for a bias.
 LASTING_TILT = 0.05
@@ -112,18 +111,15 @@ def correct_unknown_bias(state: Bias, bias_max: float) -> None:
     )
     angle = 0.5 * math.atan2(2.0 * both, along - across)
     sine, cosine = math.sin(angle), math.cos(angle)
-    changed = _correct_along(state, _combine(cosine, first, sine, second), bias_max)
-    changed = _correct_along(state, _combine(-sine, first, cosine, second), bias_max) or changed
-    unseen = up
-    if length < LEANING:
-        changed = _correct_along(state, up, bias_max) or changed
-        unseen = (0.0, 0.0, 0.0)
-    if changed:
+    axes = _combine(cosine, first, sine, second), _combine(-sine, first, cosine, second), up
+    leans = length < LEANING
+    if _correct(state, axes, leans, bias_max):
         state['corrected'] += 1
+        _correct(state, axes, leans, bias_max)
         if remembered:
             forget_contradiction(state)
             forget_shift(state['motion'])
-        _start_anew(state, unseen)
+        _start_anew(state, (0.0, 0.0, 0.0) if leans else up)
 
 
 @kernel
@@ -173,10 +169,20 @@ def _covariance(state: MotionBias, first: Vector, second: Vector) -> float:
 @kernel
 def _error_variance(state: MotionBias, variance: float) -> float:
     """Return the variance of an error in (rad/s)^2, by what the filter takes it for."""
-    share = ERROR_SHARE * max(state['speed_deviation'], LEAST_SPEED) / SPEED
+    share = max(ERROR_SHARE * state['speed_deviation'] / SPEED, 1.0)
     turning = LASTING_TILT * state['vertical_angle'] / state['moving_seconds']
     own = max(state['innovation_square'], 1.0) * variance
     return share * share * own + turning * turning
+
+
+@kernel
+def _correct(
+    state: Bias, axes: tuple[Vector, Vector, Vector], leans: bool, bias_max: float
+) -> bool:
+    """Take the bias along two axes, and where the body `leans` along its vertical, too."""
+    changed = _correct_along(state, axes[0], bias_max)
+    changed = _correct_along(state, axes[1], bias_max) or changed
+    return (leans and _correct_along(state, axes[2], bias_max)) or changed
 
 
 @kernel
