@@ -360,12 +360,10 @@ def _hann(values: Floats | Bools, width: float, sample_rate: float) -> Floats:
 
 
 def _attitudes(yaw: Floats, pitch: Floats, roll: Floats) -> Rotation:
-    """Return attitudes (n,) from angles (n,) in rad; scipy takes ten times as long for them."""
-    turned = [
-        np.column_stack([*(np.sin(0.5 * angle) * axis[:, None]), np.cos(0.5 * angle)])
-        for angle, axis in zip((yaw, pitch, roll), np.eye(3)[::-1], strict=True)
-    ]
-    return Rotation.from_quat(multiply(multiply(turned[0], turned[1]), turned[2]))
+    """Return attitudes (n,) from angles (n,) in rad; scipy's own function takes far longer."""
+    turns = zip((yaw, pitch, roll), np.eye(3)[::-1], strict=True)
+    yawed, pitched, rolled = (from_vectors(np.outer(angle, axis)) for angle, axis in turns)
+    return Rotation.from_quat(multiply(multiply(yawed, pitched), rolled))
 
 
 def _path(knots: Sequence[tuple[float, Floats | float]], time: Floats, width: float) -> Floats:
