@@ -44,7 +44,7 @@ def compile_all() -> str:
         import_module(name)
     missing = _build_extension()
     if missing:
-        _fill_cache()
+        fill_cache()
     cache.remove_old()
     return missing
 
@@ -69,8 +69,12 @@ def _build_extension() -> str:
     return '' if use_extension() else f'no extension module: {cache.folder()} can not hold one'
 
 
-def _fill_cache() -> None:
-    """Compile every entry kernel into numba's cache."""
+def fill_cache() -> None:
+    """Compile every entry kernel into numba's cache.
+
+    Raises:
+        GyroDriftFilterError: Nothing can be kept.
+    """
     for entry in ENTRY_KERNELS.values():
         numba_internals.compile_declared(entry.compiled, entry.types)
         if why := cache.why_unusable():

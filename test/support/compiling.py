@@ -27,12 +27,7 @@ import traceback
 from importlib import import_module
 
 from gyro_drift_filter.accelerate import cache
-from gyro_drift_filter.accelerate.kernels import (
-    ENTRY_KERNELS,
-    complete_note,
-    is_compiled,
-    is_extension,
-)
+from gyro_drift_filter.accelerate.kernels import ENTRY_KERNELS, is_compiled, is_extension
 from gyro_drift_filter.cli.main import main
 
 # It calls nearly all kernels that others call, which are ready for both ways then.
@@ -41,6 +36,7 @@ CALLS_MOST = 'gyro_drift_filter_messages_message_filter_filter_imus'
 
 def compile_by_numba() -> int:
     """Start a process that compiles all entry kernels by numba; return its number."""
+    from gyro_drift_filter.accelerate.ahead import fill_cache
     from gyro_drift_filter.accelerate.numba_internals import compile_declared
 
     for name in cache.kernel_modules():
@@ -52,9 +48,7 @@ def compile_by_numba() -> int:
         return process
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
-        for entry in ENTRY_KERNELS.values():
-            compile_declared(entry.compiled, entry.types)
-        cache.make_note(complete_note())
+        fill_cache()
     except Exception:
         traceback.print_exc()
         os._exit(1)
